@@ -23,6 +23,7 @@ from cranedyn.lifts.planning.ground_lift import (
     GroundLift,
     certify_ground_lift,
     from_ground,
+    not_grounded,
     stands_at,
 )
 from cranedyn.lifts.planning.lift import Lift, crane_of, plan_lift
@@ -245,7 +246,8 @@ def _result(
     stands_at_start = stands_at(site.start if start is None else start)
     stands_at_goal = stands_at(site.goal if goal is None else goal)
     grounded = None
-    if (stands_at_start or stands_at_goal) and certificate.holds:
+    stands = stands_at_start or stands_at_goal
+    if stands and not not_grounded(lift, certified=certificate.holds):
         whole_lift = from_ground(lift, stands=(stands_at_start, stands_at_goal))
         run, checks = certify_ground_lift(whole_lift)
         grounded = GroundLiftResult(whole_lift, run, checks)

@@ -22,7 +22,7 @@ from cranedyn.compiled.batch import simulate_batch
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.lifts.planning.certificate import AFTER, Certificate, certify
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.solids import Solid, box
@@ -135,7 +135,7 @@ def sites(crane: Crane, count: int, seed: int = SEED) -> Iterator[Site]:
         solids = tuple(_random_box(rng, i) for i in range(rng.integers(4, 11)))
         start, goal = _random_ends(rng)
         site = Site(f"site {found + 1}", solids, load=load, start=start, goal=goal)
-        clearance = Clearance(crane, site)
+        clearance = clearance_of(crane, site)
         margins = [clearance.swing_margin(clearance.place(point)) for point in (start, goal)]
         if min(margins) > MIN_END_MARGIN:
             found += 1
@@ -268,7 +268,7 @@ def _run(
     passive = lift.crane.layout.passive
     q = batch.q[:, row]
     v = batch.v[:, row]
-    cable = float(q[0, lift.clearance.joints.hoist])
+    cable = float(q[0, lift.clearance.hoist])
     swing = swing_amplitude(q[:, passive], v[:, passive], cable, lift.crane.gravity)
     return Measures(
         duration=arrives,

@@ -54,8 +54,15 @@ class HoistIntegral(ShortRepr):
         number("integral gain of the hoist", self.integral_gain, "N/(m s)")
         number("integral of the hoist", self.integral, "m s")
         self._elapsed = self.tracking.period
-        self._joint = self.crane.layout.role("hoist", "An integrator on the hoist")
-        self._drive = int(np.flatnonzero(self.crane.layout.drives == self._joint)[0])
+        layout = self.crane.layout
+        drive = layout.drive_of("hoist")
+        if drive is None:
+            drive = self.crane.winch
+        if drive is None:
+            # Refuses with the names of the joints.
+            drive = layout.role("hoist", "An integrator on the hoist")
+        self._drive = drive
+        self._joint = int(layout.drives[drive])
 
     def begin_run(self, t: float, control_period: float) -> None:
         """See `cranedyn.clocks.Clocked`."""
@@ -101,7 +108,7 @@ class HoistIntegral(ShortRepr):
         """
         if times[0] <= self._t:
             return None
-        hoist = self.crane.layout.along("l")
+        hoist = np.eye(self.crane.layout.m)[self._drive]
         return replace(
             self.tracking.affine(times, positions),
             target=positions,

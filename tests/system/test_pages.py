@@ -28,8 +28,8 @@ ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
 LONG = {
     *("control.md", "design_to_plc.md", "drive.md", "drives.md", "first_lift.md"),
-    *("judge_lift.md", "lift_from_ground.md", "own_design.md", "planning.md"),
-    "several_cranes.md",
+    *("judge_lift.md", "lift_from_ground.md", "other_cranes_lift.md", "own_design.md"),
+    *("planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""
 MODULES = {
@@ -114,7 +114,8 @@ def test_a_page_shows_the_tables_that_lie_beside_it_as_csv_files(page: Path) -> 
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """A folder to run a page in, beside the experiments, with no viewer and no browser."""
     monkeypatch.chdir(tmp_path)
-    (tmp_path / "experiments").symlink_to(ROOT / "experiments")
+    for name in ("experiments", "examples"):
+        (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.setattr(cd, "view", lambda run: None)
     monkeypatch.setattr("webbrowser.open", lambda address: None)
     # a page adds a strategy of its own

@@ -42,6 +42,9 @@ _MAX_POINTS = 1000
 _MAX_RADIUS = 1e4
 """Largest radius of a chart [m]."""
 
+ANY_RADIUS = _MAX_RADIUS
+"""Radius of the only point of a chart that gives one load for all radii [m]."""
+
 _MIN_LOAD = 1e-3
 """Least rated load of a chart [kg]."""
 
@@ -160,6 +163,21 @@ class RatedLoads:
                 "no more than at a smaller radius",
             )
 
+    @property
+    def constant(self) -> float:
+        """The rated load of a crane that does not slew, the same wherever it is [kg].
+
+        Raises:
+            OutOfRange: If the chart gives loads by radius.
+        """
+        if len(self.radii) > 1:
+            raise OutOfRange(
+                f"chart on {self.count} falls",
+                f"{len(self.radii)} loads by radius",
+                "one load, since this crane does not slew and has no radius",
+            )
+        return float(self.rated[0])
+
     def at(self, radius: np.ndarray | float) -> np.ndarray:
         """Return the rated load at radii [kg], of their shape.
 
@@ -233,20 +251,25 @@ def utilisation(
     that hangs, dynamics included, over the rated weight at that radius.
 
     Args:
-        loads: Loads of the run of a tower crane.
+        loads: Loads of the run. Of a crane that does not slew, such as an overhead crane, the chart
+            must give one load.
         chart: Load chart of the crane.
         falls: Number of falls that carry the hook; None for the fewest of the chart.
         gravity: Gravity for which the chart is made [m/s²].
 
     Raises:
         UnknownName: If the chart has no such number of falls.
-        OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, or gravity
-            is outside of `GRAVITY`.
-        UnknownColumn: If the loads are not those of a tower crane.
+        OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, gravity is
+            outside of `GRAVITY`, or the crane does not slew and the chart has loads by radius.
+        UnknownColumn: If the loads are those of a crane without a hoist.
     """
     within("gravity", gravity, *GRAVITY, "m/s²")
     pull = finite("pull of what hangs", loads["pull_N"], ("rows",), unit="N")
-    return pull / (gravity * chart.on(falls).at(loads["radius_m"]))
+    reeving = chart.on(falls)
+    radius = loads.values.get("radius_m")
+    if radius is None:  # it does not slew
+        return pull / (gravity * reeving.constant)
+    return pull / (gravity * reeving.at(radius))
 
 
 def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
@@ -286,7 +309,8 @@ def read_chart(path: str | Path) -> Chart:
     """Read a chart from a TOML file, or the example chart of that name.
 
     The file has `name`, `source`, and a table `[[falls]]` for each reeving with `count`,
-    `radii` [m], `loads` [kg] and, as an option, `least` [m].
+    `radii` [m], `loads` [kg] and, as an option, `least` [m]. Instead of radii and loads it may have
+    one load for all radii, `rated` [kg], as an overhead crane has.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
@@ -298,7 +322,7 @@ def read_chart(path: str | Path) -> Chart:
     for name in ("name", "source", "falls"):
         if name not in top.values:
             top.fail(name, "it is missing.")
-    entries = top.tables("falls", ("count", "radii", "loads", "least"), lines)
+    entries = top.tables("falls", ("count", "radii", "loads", "least", "rated"), lines)
     if not 1 <= len(entries) <= _MAX_POINTS:
         allowed = f"allowed are 1 to {_MAX_POINTS} tables [[falls]]."
         top.fail("falls", f"there are {len(entries)}; {allowed}")
@@ -318,10 +342,16 @@ def _falls(entry: SiteTable) -> RatedLoads:
     Raises:
         DataError: If a field is missing or not possible in a chart, with its line and field.
     """
+    values = dict(entry.values)
+    if "rated" in values:
+        for name in ("radii", "loads", "least"):
+            if name in values:
+                entry.fail(name, "rated is given, too, one load for all radii; leave one out.")
+        values["radii"] = [ANY_RADIUS]
+        values["loads"] = [entry.number("rated", unit="kg", allowed="> 0")]
     for name in ("count", "radii", "loads"):
-        if name not in entry.values:
+        if name not in values:
             entry.fail(name, "it is missing.")
-    values = entry.values
     try:
         return RatedLoads(
             values["count"], values["radii"], values["loads"], values.get("least", 0.0)

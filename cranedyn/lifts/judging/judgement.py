@@ -18,6 +18,7 @@ from cranedyn.lifts.judging import report_page
 from cranedyn.lifts.judging.analysis import (
     DEFAULT_REQUIREMENTS,
     GroundedLift,
+    JudgedInputs,
     LiftAnalysis,
     Requirements,
 )
@@ -27,11 +28,18 @@ from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
 from cranedyn.lifts.judging.lift_figures import LiftFigure, figures
 from cranedyn.lifts.judging.lift_tables import Table, tables
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads
 from cranedyn.lifts.judging.plausible_chart import chart_findings
 from cranedyn.lifts.judging.wind_limit import wind_limit
 from cranedyn.lifts.planning.certificate import Certificate, certify
-from cranedyn.lifts.planning.ground_lift import certify_ground_lift, from_ground, stands_at
+from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.ground_lift import (
+    certify_ground_lift,
+    from_ground,
+    not_grounded,
+    stands_at,
+)
 from cranedyn.lifts.planning.lift import crane_of, plan_lift
 from cranedyn.lifts.planning.perturbed import perturb
 from cranedyn.lifts.planning.plausibility import WIND, findings, judge_value, unusual_or_refuse
@@ -152,7 +160,9 @@ def judge(
         raise CraneError("The site does not say what its drives can do ([drives]); give limits.")
     crane = crane_of(site) if crane is None else crane
     inputs = resolve_inputs(site, crane, limits, requirements, chart, falls)
-    unusual = _plausible(site, crane, inputs.chart, inputs.requirements)
+    reach = clearance_of(crane, site).reach
+    turns = LoadJoints.of(crane).slew is not None
+    unusual = _plausible(site, inputs, reach, turns=turns)
 
     certificate = certify(plan_lift(site, limits, crane=crane, period=period), dt=dt, engine=engine)
     grounded = _grounded(certificate, inputs.falls)
@@ -160,7 +170,14 @@ def judge(
 
     run_crane = crane if grounded is None else grounded.lift.crane
     run = certificate.run if grounded is None else grounded.run
-    run_loads = loads(run_crane, run, base=site.base, arms=site.arms, heading=site.heading)
+    run_loads = loads(
+        run_crane,
+        run,
+        base=site.base,
+        arms=site.arms,
+        runway=site.runway,
+        heading=site.heading,
+    )
     used = None
     chart_error = ""
     if inputs.chart is not None:
@@ -201,31 +218,36 @@ def judge(
 
 
 def _plausible(
-    site: Site, crane: Crane, chart: Chart | None, requirements: Requirements
+    site: Site, inputs: JudgedInputs, reach: tuple[float, float], *, turns: bool
 ) -> tuple[str, ...]:
     """Return sentences about values that are unusual.
+
+    Args:
+        site: The site.
+        inputs: What the lift is judged with.
+        reach: Least and largest radius of the load [m].
+        turns: Whether the crane slews, so that its chart has radii.
 
     Raises:
         DataError: If a value cannot be meant.
     """
-    trolley = crane.layout.tower("A judged lift")[1]
-    reach = float(crane.lower[trolley]), float(crane.upper[trolley])
     found = findings(site, reach)
-    if requirements.wind is not None:
-        found += judge_value(WIND, requirements.wind, "wind", "gust")
-    if chart is not None:
-        found += chart_findings(chart, reach[1])
+    if inputs.requirements.wind is not None:
+        found += judge_value(WIND, inputs.requirements.wind, "wind", "gust")
+    if inputs.chart is not None:
+        found += chart_findings(inputs.chart, reach[1] if turns else None)
     return unusual_or_refuse(found)
 
 
 def _grounded(certificate: Certificate, falls: int | None) -> GroundedLift | None:
     """Return the lift with lift-off and set-down on a number of falls, None for that of the site;
-    None if its load hangs at both ends, or the plan does not hold and there is nothing to lift off
-    for.
+    None if its load hangs at both ends, or for a reason of
+    `cranedyn.lifts.planning.ground_lift.not_grounded`.
     """
-    site = certificate.lift.clearance.site
+    lift = certificate.lift
+    site = lift.clearance.site
     ends = stands_at(site.start), stands_at(site.goal)
-    if not any(ends) or not certificate.holds:
+    if not any(ends) or not_grounded(lift, certified=certificate.holds):
         return None
-    lift = from_ground(certificate.lift, falls=falls, stands=ends)
-    return GroundedLift(lift, *certify_ground_lift(lift))
+    grounded = from_ground(lift, falls=falls, stands=ends)
+    return GroundedLift(grounded, *certify_ground_lift(grounded))

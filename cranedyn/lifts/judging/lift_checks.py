@@ -10,10 +10,12 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.planning.crane_bodies import corners_of
-from cranedyn.lifts.planning.ground_lift import stands_at
+from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
-from cranedyn.lifts.planning.plan_assumptions import EARTH_GRAVITY
+from cranedyn.lifts.planning.plan_assumptions import EARTH_GRAVITY, rates_text
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
 
 COUNTER_JIB_TOLERANCE = 0.01
@@ -47,7 +49,9 @@ def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
         return analysis.grounded.checks
     if not (stands_at(site.start) or stands_at(site.goal)):
         return ()
-    return [Check("Lift-off and set-down were not simulated: the plan has no certificate.", None)]
+    certificate = analysis.certificate
+    why = not_grounded(certificate.lift, certified=certificate.holds)
+    return [Check(f"Lift-off and set-down were not simulated: {why}.", None)]
 
 
 def assumptions_entered(analysis: LiftAnalysis) -> Check:
@@ -70,7 +74,7 @@ def gravity_is_that_of_the_earth(analysis: LiftAnalysis) -> Check:
 def drives_entered(analysis: LiftAnalysis) -> Check:
     """Check that the limits of the drives were entered, since a go rests on no default."""
     planned = analysis.certificate.lift.limits.rates
-    rates = f"{math.degrees(planned[0]):.2g} °/s, {planned[1]:.2f} and {planned[2]:.2f} m/s at most"
+    rates = f"{rates_text(analysis.crane, planned)} at most"
     entered = analysis.site.limits
     if entered is None:
         return Check(f"[drives] of the site is missing; assumed: {rates}.", None)
@@ -85,7 +89,16 @@ def drives_entered(analysis: LiftAnalysis) -> Check:
 
 
 def counter_jib_entered(analysis: LiftAnalysis) -> Check:
-    """Check that the length of the counter-jib was entered."""
+    """Check that the length of the counter-jib was entered. Another crane than a tower crane is
+    compared as its description draws it.
+    """
+    clearance = analysis.certificate.lift.clearance
+    if not isinstance(clearance, TowerClearance):
+        return Check(
+            "Every part of the crane that moves is compared as its description draws it: "
+            f"{', '.join(clearance.parts.moving)}.",
+            None if clearance.parts.undrawn else True,
+        )
     arguments = analysis.crane.record.get("arguments")
     length = analysis.site.crane.get("counter_jib")
     if length and isinstance(arguments, dict) and arguments.get("counter_jib") != length:
@@ -96,7 +109,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     if length and not isinstance(arguments, dict):
         # A description without arguments: what keeps its distance is what its shapes show. The jib
         # points along -Y at zero slew, so that the counter-jib ends at the largest Y.
-        upper = analysis.certificate.lift.clearance.bodies.upper
+        upper = clearance.bodies.upper
         drawn = max(float(corners_of(shape)[:, 1].max()) for shape in upper)
         return Check(
             f"The counter-jib of the crane's description reaches {drawn:.2f} m behind the slew "
@@ -171,14 +184,20 @@ def taut_rope_and_strong_hoist(analysis: LiftAnalysis) -> Check:
 
 
 def corners_pressed(analysis: LiftAnalysis) -> Check:
-    """Check that all corners of the base press on the ground, and no more than it may bear."""
+    """Check that all corners of the base press on the ground, and no more than it may bear; of a
+    crane that travels on rails, that its wheels do.
+    """
     site = analysis.site
+    if LoadJoints.of(analysis.crane).travel is not None:
+        return _wheels_pressed(analysis)
     missing = []
     if site.base is None:
         missing.append("[base]")
-    if not any(arm.centre >= 0.0 for arm in site.arms):
+    # The description of another crane has the masses of its boom and counterweight.
+    is_tower = isinstance(analysis.certificate.lift.clearance, TowerClearance)
+    if is_tower and not any(arm.centre >= 0.0 for arm in site.arms):
         missing.append("[jib]")
-    if not any(arm.centre <= 0.0 for arm in site.arms):
+    if is_tower and not any(arm.centre <= 0.0 for arm in site.arms):
         missing.append("[counter_jib]")
     if site.base is None or missing:
         return Check(
@@ -204,6 +223,32 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     return Check(
         f"{presses}; the ground may bear {permitted / 1e3:.0f} kN.",
         0.0 < smallest and largest <= permitted,
+    )
+
+
+def _wheels_pressed(analysis: LiftAnalysis) -> Check:
+    """Check that all wheels press on their rails, and no more than these may bear."""
+    runway = analysis.site.runway
+    if runway is None:
+        return Check("[runway] of the site is missing: the wheel loads are not known.", None)
+    heavier = analysis.inputs.spread.load
+    smallest = math.inf
+    largest = -math.inf
+    for i in range(1, 5):
+        force = analysis.loads[f"wheel_{i}_N"]
+        added = heavier * analysis.loads[f"wheel_{i}_load_N"]
+        smallest = min(smallest, float((force + np.minimum(added, 0.0)).min()))
+        largest = max(largest, float((force + np.maximum(added, 0.0)).max()))
+    presses = (
+        f"All wheels press on their rails, by {smallest / 1e3:.0f} kN at least and "
+        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
+    )
+    if runway.permitted is None:
+        unknown = "; [runway] permitted is missing, what a rail may bear"
+        return Check(f"{presses}{unknown}.", None if smallest > 0.0 else False)
+    return Check(
+        f"{presses}; a rail may bear {runway.permitted / 1e3:.0f} kN of a wheel.",
+        0.0 < smallest and largest <= runway.permitted,
     )
 
 

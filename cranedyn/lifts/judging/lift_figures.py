@@ -13,10 +13,11 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.chart import ANY_RADIUS, CUT_OUT, WARNING
 from cranedyn.lifts.judging.loads import hanging_mass, jib_moment
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.certificate import Certificate
+from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.solids import Solid, rotation_z
 from cranedyn.plotting.figures import COLOURS, legend_above, panels
@@ -62,15 +63,13 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
         "clearance": (clearance_over_time(certificate), "Clearance and swing over time."),
         "loads": (
             draw_loads(analysis),
-            "Utilisation, load moment and the rope's angles over time.",
-        ),
-        "chart": (
-            draw_chart(analysis),
-            "Chart with the way of the load, and the jib's largest moments."
-            if analysis.chart is not None
-            else "The load over the radius, without a chart, and the jib's largest moments.",
+            "Utilisation, load moment and the rope's angles over time."
+            if "load_moment_Nm" in analysis.loads.values
+            else "Utilisation, tension of the rope and its angles over time.",
         ),
     }
+    if "radius_m" in analysis.loads.values:
+        captioned["chart"] = (draw_chart(analysis), _chart_caption(analysis))
     if analysis.wind is not None:
         captioned["wind"] = (
             draw_wind(analysis.wind, analysis.requirements.wind or 0.0),
@@ -79,8 +78,23 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
     return {name: LiftFigure(*figure) for name, figure in captioned.items()}
 
 
+def _chart_caption(analysis: LiftAnalysis) -> str:
+    """Return what `draw_chart` shows, in a sentence."""
+    jib = ", and the jib's largest moments" if _has_jib(analysis) else ""
+    if analysis.chart is None:
+        return f"The load over the radius, without a chart{jib}."
+    return f"Chart with the way of the load{jib}."
+
+
+def _has_jib(analysis: LiftAnalysis) -> bool:
+    """Return whether a trolley runs along the jib of a crane that slews."""
+    return analysis.crane.layout.has("slew", "trolley")
+
+
 def draw_loads(analysis: LiftAnalysis) -> Figure:
-    """Draw utilisation, load moment and the rope's angles over time."""
+    """Draw utilisation, load moment and the rope's angles over time; of a crane that does not slew
+    the tension of the rope instead of the moment.
+    """
     figure, axes = panels(3, height=1.9, sharex=True)
     used, moment, lead = axes
     t = analysis.loads.t
@@ -90,9 +104,13 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
         used.axhline(100.0 * threshold, color=COLOURS["limit"], linestyle=style, linewidth=1.0)
     highest = 0.0 if analysis.utilisation is None else 105.0 * float(analysis.utilisation.max())
     used.set(ylabel="utilisation [%]", ylim=(0.0, max(110.0, highest)))
-    moment.plot(t, 1e-3 * analysis.loads["load_moment_Nm"], color=COLOURS["x"], label="load")
-    moment.plot(t, 1e-3 * analysis.loads["ring_tilting_Nm"], color=COLOURS["l"], label="ring")
-    moment.set(ylabel="moment [kN m]")
+    if "load_moment_Nm" in analysis.loads.values:
+        moment.plot(t, 1e-3 * analysis.loads["load_moment_Nm"], color=COLOURS["x"], label="load")
+        moment.plot(t, 1e-3 * analysis.loads["ring_tilting_Nm"], color=COLOURS["l"], label="ring")
+        moment.set(ylabel="moment [kN m]")
+    else:
+        moment.plot(t, 1e-3 * analysis.loads["rope_N"], color=COLOURS["x"], label="rope")
+        moment.set(ylabel="tension [kN]")
     for name, label, style in (("off_lead_rad", "off-lead", "-"), ("side_lead_rad", "side", "--")):
         lead.plot(t, np.degrees(analysis.loads[name]), style, color=COLOURS["phi"], label=label)
     lead.set(ylabel="rope from plumb [°]", xlabel="time [s]")
@@ -102,20 +120,32 @@ def draw_loads(analysis: LiftAnalysis) -> Figure:
 
 
 def draw_chart(analysis: LiftAnalysis) -> Figure:
-    """Draw the rated load over the radius with the pull of the load, and the moment of the jib."""
-    figure, (rated, jib) = panels(1, 2, height=3.4, width=11.0)
+    """Draw the rated load over the radius with the pull of the load, and the moment of the jib if
+    a trolley runs along one.
+    """
+    columns = 2 if _has_jib(analysis) else 1
+    figure, axes = panels(1, columns, height=3.4, width=5.5 * columns)
+    rated = axes[0]
     reevings = () if analysis.chart is None else analysis.chart.reevings
     for reeving in reevings:
-        radius = np.linspace(max(reeving.least, 0.5), reeving.radii[-1], 200)
+        # A chart of one load for all radii has no last one.
+        last = reeving.radii[-1]
+        if last == ANY_RADIUS:
+            last = 1.5 * float(analysis.loads["radius_m"].max())
+        radius = np.linspace(max(reeving.least, 0.5), last, 200)
         style = "-" if reeving.count == analysis.inputs.falls else ":"
         label = f"{reeving.count} falls"
         rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
-        rated.plot(reeving.radii, reeving.rated / 1e3, ".", color=COLOURS["limit"])
+        points = reeving.radii <= last
+        rated.plot(reeving.radii[points], reeving.rated[points] / 1e3, ".", color=COLOURS["limit"])
     pull = analysis.loads["pull_N"] / analysis.crane.gravity
     rated.plot(analysis.loads["radius_m"], pull / 1e3, color=COLOURS["x"], label="this lift")
     rated.axhline(hanging_mass(analysis.crane) / 1e3, color=COLOURS["x"], linewidth=0.8, alpha=0.5)
     rated.set(xlabel="radius [m]", ylabel="load [t]", ylim=(0.0, None))
     legend_above(rated)
+    if not _has_jib(analysis):
+        return figure
+    jib = axes[1]
     stations = np.linspace(0.0, float(analysis.loads["radius_m"].max()), _STATIONS)
     envelope = jib_moment(analysis.run_crane, analysis.run, stations).max(axis=0)
     jib.fill_between(stations, 1e-3 * envelope, color=COLOURS["x"], alpha=0.3)
@@ -161,12 +191,14 @@ def site_views(certificate: Certificate) -> Figure:
     nearest_row = np.searchsorted(certificate.run.t, certificate.nearest_t)
     nearest_place = certificate.run.q[nearest_row][clearance.drive_joints]
     near = site.to_site(clearance.point(nearest_place))
-    mast = site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, clearance.height]]))
+    foot_and_pivot = _mast_line(clearance)
     figure, axes = panels(1, 3, height=4.2, width=13.0)
     for ax, (i, j) in zip(axes, itertools.combinations(range(3), 2), strict=True):
         for solid in site.solids:
             ax.add_collection(solid_outlines(solid, i, j))
-        ax.plot(mast[:, i], mast[:, j], color="#333333", linewidth=3.0, marker="s", markersize=4)
+        ax.plot(
+            *foot_and_pivot[:, [i, j]].T, color="#333333", linewidth=3.0, marker="s", markersize=4
+        )
         ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
         ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
         ax.plot(path[-1, i], path[-1, j], "*", color=COLOURS["x"], markersize=12)
@@ -177,13 +209,26 @@ def site_views(certificate: Certificate) -> Figure:
         ax.set(xlabel=f"{'xyz'[i]} [m]", ylabel=f"{'xyz'[j]} [m]")
         ax.set_aspect("equal", adjustable="datalim")
         ax.autoscale_view()
-    angle = np.linspace(0.0, 2.0 * math.pi, 100)
-    for limits in (lift.crane.lower, lift.crane.upper):
-        circle = limits[clearance.joints.trolley] * np.stack([np.cos(angle), np.sin(angle)])
-        axes[0].plot(*(site.foot[:2, None] + circle), ":", color="#999999", linewidth=1.0)
+    if clearance.turning is not None:
+        angle = np.linspace(0.0, 2.0 * math.pi, 100)
+        for radius in clearance.reach:
+            circle = radius * np.stack([np.cos(angle), np.sin(angle)])
+            axes[0].plot(*(site.foot[:2, None] + circle), ":", color="#999999", linewidth=1.0)
     figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=2)
     figure.suptitle(site.name)
     return figure
+
+
+def _mast_line(clearance: Clearance) -> np.ndarray:
+    """Return foot and top of what stands, in the frame of the site [m], shape (2, 3): up to the
+    pivot of a crane that turns; of another one nothing but its foot.
+    """
+    top = 0.0
+    if clearance.turning is not None:
+        places = clearance.crane.start.q[None, clearance.drive_joints]
+        pivot = clearance.point(places)[0]
+        top = float(pivot[2]) + float(clearance.cable(clearance.q(places))[0])
+    return clearance.site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, top]]))
 
 
 def clearance_over_time(certificate: Certificate) -> Figure:
@@ -199,8 +244,11 @@ def clearance_over_time(certificate: Certificate) -> Figure:
     clear.set(ylabel="clearance [m]", ylim=(0.0, _CLEARANCE_SCALE))
     legend_above(clear, columns=2)
     run = certificate.run
-    swing.plot(run.t, 1e3 * run["phi_rad"], color=COLOURS["phi"], label="φ radial")
-    swing.plot(run.t, 1e3 * run["theta_rad"], color=COLOURS["theta"], label="θ tangential")
+    # Angles from plumb: those of a luffing crane are not its coordinates.
+    angles, _ = certificate.lift.clearance.swing(run.q, run.v)
+    labels = ("φ radial", "θ tangential") if "phi_rad" in run.keys() else ("first", "second")
+    for k, (label, colour) in enumerate(zip(labels, ("phi", "theta"), strict=True)):
+        swing.plot(run.t, 1e3 * angles[:, k], color=COLOURS[colour], label=label)
     for limit in (1e3 * site.swing, -1e3 * site.swing):
         swing.axhline(limit, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     swing.axvline(certificate.lift.timed.motion.arrival, color=COLOURS["limit"], linewidth=1.0)

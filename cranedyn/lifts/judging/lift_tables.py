@@ -11,10 +11,13 @@ import numpy as np
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.ground_lift import stands_at
+from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
+from cranedyn.lifts.planning.plan_assumptions import winch_of
 
 Row = list[float | str | None]
 
@@ -73,7 +76,6 @@ def _summary(analysis: LiftAnalysis) -> Table:
     """Return the numbers that decide about the lift, each beside its limit."""
     required = analysis.requirements
     nearest = analysis.certificate.nearest
-    radius = float(analysis.loads["radius_m"].max())
     utilisation = _NOT_JUDGED
     if analysis.utilisation is not None:
         utilisation = f"{100.0 * float(analysis.utilisation.max()):.1f} %"
@@ -84,7 +86,7 @@ def _summary(analysis: LiftAnalysis) -> Table:
     if analysis.perturbed is not None:
         probability = f"at most {100.0 * analysis.perturbed.interval()[1]:.2f} %"
     rows: list[Row] = [
-        ["largest radius", f"{radius:.1f} m", "-"],
+        *_radius_rows(analysis),
         ["utilisation of the chart", utilisation, f"{100.0 * WARNING:g} %"],
         ["gust that the lift bears", gust, _or_dash(required.wind, 1.0, "m/s")],
         ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
@@ -93,6 +95,12 @@ def _summary(analysis: LiftAnalysis) -> Table:
     ]
     note = "Where each of these is from stands in the tables below."
     return Table("In numbers", [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the row of the largest radius; none for a crane that does not slew."""
+    radius = analysis.loads.values.get("radius_m")
+    return [] if radius is None else [["largest radius", f"{float(radius.max()):.1f} m", "-"]]
 
 
 def _or_dash(value: float | None, scale: float, unit: str) -> str:
@@ -106,9 +114,11 @@ def _lift(analysis: LiftAnalysis) -> Table:
     site = analysis.site
     size = np.ptp(lift.clearance.bodies.load, axis=0)
     ends = site.to_site(lift.clearance.point(lift.ends))
-    radius = analysis.loads["radius_m"]
-    length = analysis.run["l_m"]
-    slew_rate, trolley_rate, hoist_rate = lift.limits.rates
+    radius = analysis.loads.values.get("radius_m")
+    radius_rows: list[Row] = []
+    if radius is not None:
+        radius_rows.append(["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"])
+    length = analysis.run.q[:, LoadJoints.of(analysis.run_crane).hoist]
     rows: list[Row] = [
         ["site", site.name, "the site's file"],
         ["from, to [m]", " to ".join(_point(end) for end in ends), "the site's file"],
@@ -117,13 +127,22 @@ def _lift(analysis: LiftAnalysis) -> Table:
         ["its size [m]", " x ".join(f"{side:.1f}" for side in size), "the site's file"],
         ["crane", analysis.crane.model.name, "its URDF"],
         *_chart_rows(analysis),
-        ["radius [m]", f"{radius.min():.1f} to {radius.max():.1f}", "the plan"],
+        *radius_rows,
         ["cable [m]", f"{length.min():.1f} to {length.max():.1f}", "the plan"],
-        ["slew, at most", f"{slew_rate * 30.0 / math.pi:.2f} rpm", "the drives"],
-        ["trolley, hoist, at most", f"{trolley_rate:.2f}, {hoist_rate:.2f} m/s", "the same"],
+        *_rate_rows(lift),
         ["required distance", f"{site.distance:g} m", "the site's file"],
     ]
     return Table("The lift", [("", ""), ("value", ""), ("from", "")], rows)
+
+
+def _rate_rows(lift: Lift) -> list[Row]:
+    """Return the largest rates of the drives, of those that turn in rpm."""
+    rows: list[Row] = []
+    for joint, rate in zip(lift.crane.layout.driven, lift.limits.rates, strict=True):
+        turns = joint.kind == "revolute"
+        value = f"{rate * 30.0 / math.pi:.2f} rpm" if turns else f"{rate:.2f} m/s"
+        rows.append([f"{joint.role or joint.symbol}, at most", value, "the drives"])
+    return rows
 
 
 def _begins_and_ends(analysis: LiftAnalysis) -> str:
@@ -195,15 +214,18 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
         thresholds = f"{100.0 * WARNING:g}, {100.0 * CUT_OUT:g}"
         add("utilisation", analysis.utilisation, 100.0, "%", thresholds)
     of_chart = "-" if analysis.chart is None else "the chart"
-    add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
+    slews = "load_moment_Nm" in carried.values
+    if slews:
+        add("load moment", carried["load_moment_Nm"], 1e-3, "kN m", of_chart)
     add("rope", carried["rope_N"], 1e-3, "kN")
     assert analysis.requirements.swing is not None  # see `cranedyn.lifts.judging.judged_inputs`
     allowed = f"{math.degrees(analysis.requirements.swing):g}"
     add("off-lead", np.degrees(carried["off_lead_rad"]), 1.0, "°", allowed)
     add("side-lead", np.degrees(carried["side_lead_rad"]), 1.0, "°", allowed)
     add("side force", carried["side_force_percent"], 1.0, "% of the weight")
-    add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
-    add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
+    if slews:
+        add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
+        add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
     base = analysis.site.base
@@ -246,7 +268,7 @@ def _factors(analysis: LiftAnalysis) -> Table:
     limits = analysis.certificate.lift.limits
     mass = hanging_mass(crane)
 
-    hoist_rate = limits.rates[crane.layout.drive("l")]
+    hoist_rate = limits.rates[winch_of(crane)]
     speed = factors.pick_up_speed(drive, hoist_rate, CREEP_SHARE * hoist_rate)
     phi_2 = factors.phi_2(analysis.hoisting, speed, drive)
     pull = float(loads["rope_N"].max()) / (mass * crane.gravity)
@@ -255,11 +277,6 @@ def _factors(analysis: LiftAnalysis) -> Table:
     # The rope leads off plumb, and pulls the trolley along the jib and the jib about the mast.
     outward = float(np.abs(loads["pull_N"] * np.tan(loads["off_lead_rad"])).max())
     sideways = float(np.abs(loads["pull_N"] * np.tan(loads["side_lead_rad"])).max())
-    radius = float(loads["radius_m"].max())
-    trolley_acceleration = limits.accelerations[crane.layout.drive("x")]
-    slew_acceleration = limits.accelerations[crane.layout.drive("gamma")]
-    trolley_factor = outward / (mass * trolley_acceleration)
-    slew_factor = sideways / (mass * slew_acceleration * radius)
     # How long a drive accelerates differs from lift to lift. From half a period of the pendulum on
     # the factor is 2, its largest.
     psi = f"{factors.psi_h_regulated(0.5):.2f}"
@@ -268,9 +285,18 @@ def _factors(analysis: LiftAnalysis) -> Table:
         [f"v_h of {drive} [m/s]", f"{speed:.2f}", None, "AS 5221.1:2021"],
         [f"φ2 of {analysis.hoisting}, {drive}", f"{phi_2:.3f}", pull, "EN 1991-3, T 2.4, 2.5"],
         ["φ6, dynamic test load", f"{factors.phi_6(phi_2):.3f}", None, "EN 1991-3, 2.10"],
-        ["ψ_h of the trolley", psi, trolley_factor, "FEM 1.001, A.2.2.3"],
-        ["ψ_h of the slew", psi, slew_factor, "FEM 1.001, A.2.2.3"],
     ]
+    drives = crane.layout.drives.tolist()
+    joints = LoadJoints.of(crane)
+    if joints.trolley in drives:
+        acceleration = limits.accelerations[drives.index(joints.trolley)]
+        needed = outward / (mass * acceleration)
+        rows.append(["ψ_h of the trolley", psi, needed, "FEM 1.001, A.2.2.3"])
+    if joints.slew in drives:
+        radius = float(loads["radius_m"].max())
+        acceleration = limits.accelerations[drives.index(joints.slew)]
+        needed = sideways / (mass * acceleration * radius)
+        rows.append(["ψ_h of the slew", psi, needed, "FEM 1.001, A.2.2.3"])
     columns = [("factor", ""), ("allowed", ""), ("needed here", ".3f"), ("clause", "")]
     if not stands_at(analysis.site.start):
         picked_up = "Picking up is not in it: the load hangs at the start."

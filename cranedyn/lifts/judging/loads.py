@@ -21,9 +21,10 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.dynamics.validity import hoist_force
-from cranedyn.errors import OutOfRange, UnknownColumn
+from cranedyn.errors import MissingRole, OutOfRange, UnknownColumn
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.wrench import CraneStates, Wrench
-from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base, crane_to_site
+from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base, Runway, crane_to_site
 from cranedyn.model.crane import Crane
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -80,26 +81,29 @@ def loads(
     *,
     base: Base | None = None,
     arms: Sequence[Arm] = (),
+    runway: Runway | None = None,
     heading: float = CRANE_HEADING,
 ) -> Loads:
     """Return the loads of a recorded run.
 
-    Columns of a crane with a hoist:
+    Which joints are its hoist, trolley and slew, see
+    `cranedyn.lifts.judging.load_joints.LoadJoints`. Columns of a crane with a hoist:
 
     * `rope_N`: tension of the rope.
     * `pull_N`: force with which all that hangs pulls down.
     * `slack_margin`: tension over the weight that hangs; the rope is slack at 0.
     * `snag_margin`: share of the hoist's largest force that the tension leaves.
 
-    With a trolley as well:
+    With a trolley or a slew as well:
 
-    * `off_lead_rad`: angle of the rope from plumb in the plane of the jib, outwards positive.
+    * `off_lead_rad`: angle of the rope from plumb in the plane of jib, boom or bridge, outwards
+      positive.
     * `side_lead_rad`: angle of the rope from plumb across it, positive as positive slew moves it.
     * `side_force_percent`: horizontal force of the rope across the jib, of the weight that hangs.
 
     With a slew, too:
 
-    * `radius_m`: distance of the trolley from the slew axis.
+    * `radius_m`: distance of the trolley, or of the pivot at the end of a boom, from the slew axis.
     * `load_moment_Nm`: pull times radius, which is what a load moment indicator shows.
     * `ring_vertical_N`: force on the slewing ring, downwards positive.
     * `ring_tilting_Nm`: moment in the plane of the jib, jib down positive.
@@ -112,6 +116,8 @@ def loads(
     * `foot_x_Nm`, `foot_y_Nm`: moments about X and Y of the crane's frame.
     * `overturning_Nm`: magnitude of both together.
     * `torsion_Nm`: moment about Z.
+    * `wheel_1_N` to `wheel_4_N`: forces of the wheels on rails, if a crane travels on such, see
+      `wheel_forces`; `wheel_1_load_N` to `wheel_4_load_N`: what of them the load causes.
     * `corner_1_N` to `corner_4_N`: forces of the corners of a base, if there is one, see
       `corner_forces`.
 
@@ -121,6 +127,7 @@ def loads(
         base: On what it stands; None if that is not known.
         arms: Jib and counter-jib, as far as the model does not weigh them; for a crane with a
             trolley and a slew.
+        runway: Rails on which it travels; None if that is not known.
         heading: Direction of the jib at zero slew against the sides of the base, as of
             `cranedyn.lifts.planning.site.Site` [rad].
 
@@ -138,6 +145,7 @@ def loads(
         run.force,
         base=base,
         arms=arms,
+        runway=runway,
         heading=heading,
         buffers=buffers,
     )
@@ -161,6 +169,7 @@ def loads_of_rows(
     *,
     base: Base | None = None,
     arms: Sequence[Arm] = (),
+    runway: Runway | None = None,
     heading: float = CRANE_HEADING,
     buffers: bool = False,
 ) -> dict[str, np.ndarray]:
@@ -174,6 +183,7 @@ def loads_of_rows(
         force: From outside on the points of the crane in the world [N], shape (..., 3 points).
         base: As of `loads`.
         arms: As of `loads`.
+        runway: As of `loads`.
         heading: As of `loads`.
         buffers: Whether buffers end the ranges of the drives.
 
@@ -196,14 +206,15 @@ def loads_of_rows(
     columns: dict[str, np.ndarray] = {}
     arm_weight = crane.gravity * sum(arm.mass for arm in arms)
     arm_moment = crane.gravity * sum(arm.mass * arm.centre for arm in arms)
-    if layout.has("hoist"):
+    joints = LoadJoints.of(crane)
+    if joints.hoist is not None:
         columns |= _of_rope(crane, moving, effort, buffers)
-    if layout.has("slew", "trolley", "hoist"):
-        columns |= _of_ring(crane, moving, columns["pull_N"], arm_weight, arm_moment)
+    if None not in (joints.hoist, joints.slew, joints.pivot):
+        columns |= _of_ring(joints, moving, columns["pull_N"], arm_weight, arm_moment)
     foot = moving.through_ground()
     if arms:
-        trolley = layout.role("trolley", "A jib that weighs where it lies")
-        outward, _ = _jib_directions(moving, trolley)
+        layout.role("trolley", "A jib that weighs where it lies")
+        outward, _ = _jib_directions(moving, joints)
         # A weight W at r along the jib turns the foot by r × (-W up).
         moment = foot.moment + np.cross(outward, -_UP) * arm_moment
         foot = foot._replace(force=foot.force - _UP * arm_weight, moment=moment)
@@ -218,6 +229,8 @@ def loads_of_rows(
     if base is not None:
         corners = corner_forces(base, foot, crane.gravity, heading=heading).T
         columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
+    if runway is not None:
+        columns |= _of_wheels(crane, moving, runway, columns["pull_N"])
     # An overflow would pass for a small load: infinity over infinity, or minus infinity.
     return {
         name: finite(name, values, ("rows",)).reshape(shape) for name, values in columns.items()
@@ -259,6 +272,62 @@ def corner_forces(
     return finite("force of a corner", corners, ("rows", 4), unit="N")
 
 
+def wheel_forces(
+    runway: Runway, vertical: np.ndarray, across: np.ndarray, along: np.ndarray
+) -> np.ndarray:
+    """Return the force of each wheel on its rail [N], shape (rows, 4): on the first rail the front
+    and the rear wheel, then those on the second rail; negative where a wheel would lift.
+
+    The bridge is a beam on both rails, and each of its ends one on both wheels: a force V at c
+    across from the middle of the rails, which are s apart, and at a ahead of the middle of the
+    wheels, which are w apart, presses by F = V (1/2 ± c/s) (1/2 ± a/w). What acts on the crane at
+    another height than that of the rails is in c and a.
+
+    Args:
+        runway: The rails.
+        vertical: Force down [N], shape (rows,).
+        across: Where it acts across the way of the crane, as `Runway.rails` [m], shape (rows,).
+        along: Where it acts along the way from the middle of the wheels [m], shape (rows,).
+    """
+    first, second = runway.rails
+    # Positive towards the first rail.
+    aside = (across - (first + second) / 2.0) / (first - second)
+    ahead = along / runway.wheel_base
+    forces = []
+    for rail in (0.5 + aside, 0.5 - aside):
+        forces += [vertical * rail * wheel for wheel in (0.5 + ahead, 0.5 - ahead)]
+    return np.stack(forces, axis=1)
+
+
+def _of_wheels(
+    crane: Crane, moving: CraneStates, runway: Runway, pull: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the forces of the wheels, and what of them the load causes.
+
+    Raises:
+        MissingRole: If the crane does not travel.
+    """
+    joints = LoadJoints.of(crane)
+    if joints.travel is None or joints.pivot is None:
+        names = [joint.name for joint in crane.layout.joints]
+        raise MissingRole("Wheel loads of a runway", "travel", names)
+    way = moving.axis(joints.travel)
+    left = np.cross(_UP, way)
+    frame = moving.through(joints.travel)
+    vertical = -frame.force[:, 2]
+    # A force V down at r turns by r × (-V up): by -V r·left about the way, by V r·way about left.
+    across = _along(frame.point, left) - _along(frame.moment, way) / vertical
+    along = _along(frame.moment, left) / vertical
+    wheels = wheel_forces(runway, vertical, across, along)
+    pivot = moving.origin(joints.pivot)
+    of_load = wheel_forces(runway, pull, _along(pivot, left), _along(pivot - frame.point, way))
+    columns = {}
+    for i in range(4):
+        columns[f"wheel_{i + 1}_N"] = wheels[:, i]
+        columns[f"wheel_{i + 1}_load_N"] = of_load[:, i]
+    return columns
+
+
 def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarray:
     """Return the bending moment of the jib in its own plane by trolley and load, jib down positive
     [N m].
@@ -282,7 +351,7 @@ def jib_moment(crane: Crane, run: Trajectory, stations: np.ndarray) -> np.ndarra
     trolley = crane.layout.role("trolley", "The moment along the jib")
     buffers = run.parameters.get("validity") == "buffers"
     moving = CraneStates.of(crane, run.q, run.v, run.effort, run.force, buffers=buffers)
-    _, aside = _jib_directions(moving, trolley)
+    _, aside = _jib_directions(moving, LoadJoints.of(crane))
     root = moving.through(trolley)
     tilting = _along(root.moment, aside)
     down = -root.force[:, 2]
@@ -297,7 +366,10 @@ def hanging_mass(crane: Crane) -> float:
     Raises:
         MissingRole: If no joint is a hoist.
     """
-    hoist = crane.layout.role("hoist", "The mass that hangs")
+    hoist = LoadJoints.of(crane).hoist
+    if hoist is None:
+        names = [joint.name for joint in crane.layout.joints]
+        raise MissingRole("The mass that hangs", "hoist", names)
     # Pinocchio counts the world as joint 0, and parents come before their children.
     below = {hoist}
     for i, parent in enumerate(crane.model.parents[1:]):
@@ -314,7 +386,9 @@ def _of_rope(
     """
     layout = crane.layout
     weight = hanging_mass(crane) * crane.gravity
-    joint = layout.role("hoist", "The rope")
+    joints = LoadJoints.of(crane)
+    joint = joints.hoist
+    assert joint is not None  # see `loads_of_rows`
     pull = moving.through(joint).force
     hoist = hoist_force(crane, effort)
     hoist = hoist + (cable_buffers(crane, moving.q, moving.v) if buffers else 0.0)
@@ -323,41 +397,52 @@ def _of_rope(
         # No law gives the tension of a rope that cannot stretch: it is a constraint force.
         stretch = rope_spring.stretch
         tension = _along(moving.through(stretch).force, moving.axis(stretch))
+    elif not layout.has("hoist"):
+        # A rope that neither stretches nor goes slack: what passes through its hoist along it.
+        tension = _along(pull, _down_along(moving.axis(joint)))
     else:
         tension = np.broadcast_to(
             rope_tension(layout, JointForces.of(crane), moving.q.T, moving.v.T, hoist),
             len(hoist),
         )
     columns = {"rope_N": tension, "pull_N": -pull[:, 2], "slack_margin": tension / weight}
-    drive = layout.drive_of("hoist")
-    if drive is not None:
+    if joint in layout.drives:
+        drive = layout.drives.tolist().index(joint)
         columns["snag_margin"] = 1.0 - tension / crane.effort_limit[drive]
-    if layout.has("trolley"):
-        outward, aside = _jib_directions(moving, layout.role("trolley", "The plane of the jib"))
-        rope = moving.axis(joint)
+    if joints.trolley is not None or None not in (joints.slew, joints.pivot):
+        outward, aside = _jib_directions(moving, joints)
+        rope = _down_along(moving.axis(joint))
         columns["off_lead_rad"] = np.arctan2(_along(rope, outward), -rope[:, 2])
         columns["side_lead_rad"] = np.arctan2(_along(rope, aside), -rope[:, 2])
         columns["side_force_percent"] = 100.0 * _along(pull, aside) / weight
     return columns
 
 
+def _down_along(axis: np.ndarray) -> np.ndarray:
+    """Return unit vectors down along a rope from the axis of its hoist, shape (rows, 3) each."""
+    return np.where(axis[:, 2:] > 0.0, -axis, axis)
+
+
 def _of_ring(
-    crane: Crane, moving: CraneStates, pull: np.ndarray, arm_weight: float, arm_moment: float
+    joints: LoadJoints,
+    moving: CraneStates,
+    pull: np.ndarray,
+    arm_weight: float,
+    arm_moment: float,
 ) -> dict[str, np.ndarray]:
     """Return the loads of the slewing ring.
 
     Args:
-        crane: The crane.
+        joints: Joints of the crane, with a slew and a pivot.
         moving: Its states.
         pull: Pull of what hangs [N], shape (rows,).
         arm_weight: Weight of jib and counter-jib that the model does not know [N].
         arm_moment: Its moment about the slew axis, jib down positive [N m].
     """
-    slew = crane.layout.role("slew", "The slewing ring")
-    trolley = crane.layout.role("trolley", "The slewing ring")
-    outward, aside = _jib_directions(moving, trolley)
-    ring = moving.through(slew)
-    radius = _along(moving.origin(trolley) - ring.point, outward)
+    assert joints.slew is not None and joints.pivot is not None
+    outward, aside = _jib_directions(moving, joints)
+    ring = moving.through(joints.slew)
+    radius = _along(moving.origin(joints.pivot) - ring.point, outward)
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
@@ -368,14 +453,22 @@ def _of_ring(
     }
 
 
-def _jib_directions(moving: CraneStates, trolley: int) -> tuple[np.ndarray, np.ndarray]:
-    """Return unit vectors along the jib and aside from it, a quarter turn on in the sense of
-    positive slew, both level, shape (rows, 3).
+def _jib_directions(moving: CraneStates, joints: LoadJoints) -> tuple[np.ndarray, np.ndarray]:
+    """Return unit vectors along jib, boom or bridge and aside from it, a quarter turn on in the
+    sense of positive slew, both level, shape (rows, 3): along the axis of a trolley, or else from
+    the slew axis to the pivot of the rope.
     """
-    outward = moving.axis(trolley) * np.array([1.0, 1.0, 0.0])
+    if joints.trolley is not None:
+        outward = moving.axis(joints.trolley)
+        what = "horizontal part of the trolley's axis"
+    else:
+        assert joints.slew is not None and joints.pivot is not None
+        outward = moving.origin(joints.pivot) - moving.origin(joints.slew)
+        what = "distance of the pivot from the slew axis [m]"
+    outward = outward * np.array([1.0, 1.0, 0.0])
     length = np.linalg.norm(outward, axis=1)
     if not (length > _MIN_HORIZONTAL_PART).all():
-        raise OutOfRange("horizontal part of the trolley's axis", float(length.min()), "> 0")
+        raise OutOfRange(what, float(length.min()), "> 0")
     outward = outward / length[:, None]
     return outward, np.cross(_UP, outward)
 

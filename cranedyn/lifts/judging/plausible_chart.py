@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from cranedyn.lifts.judging.chart import Chart
+from cranedyn.lifts.judging.chart import ANY_RADIUS, Chart
 from cranedyn.lifts.planning.plausibility import (
     MILLIMETRES,
     TONNES,
@@ -23,18 +23,21 @@ JIB_SHARE = (0.6, 1.3)
 """Last radius of a chart over the reach of its crane: a chart ends about where the jib ends."""
 
 
-def chart_findings(chart: Chart, reach: float) -> Iterator[Finding]:
+def chart_findings(chart: Chart, reach: float | None) -> Iterator[Finding]:
     """Yield what cannot be meant of a chart, and what is unusual.
 
     Args:
         chart: The chart.
-        reach: Largest radius of the crane's trolley [m].
+        reach: Largest radius of the crane's trolley [m]; None for a crane that does not slew, whose
+            chart has one load and no radii.
     """
     for reeving in chart.reevings:
-        for radius in reeving.radii.tolist():
-            yield from judge_value(RADIUS, radius, "chart", "radii")
         for rated in reeving.rated.tolist():
             yield from judge_value(RATED, rated, "chart", "loads")
+        if reach is None or reeving.radii[-1] == ANY_RADIUS:
+            continue
+        for radius in reeving.radii.tolist():
+            yield from judge_value(RADIUS, radius, "chart", "radii")
         last = float(reeving.radii[-1])
         low, high = JIB_SHARE
         if not low * reach <= last <= high * reach:

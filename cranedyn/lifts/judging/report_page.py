@@ -25,6 +25,7 @@ from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_tables import Table
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
@@ -119,15 +120,25 @@ def _picture(analysis: LiftAnalysis) -> PageFigure:
     """Return a picture of the lift's own crane from the side, where the load is farthest out."""
     crane = analysis.crane
     run = analysis.certificate.run
-    trolley = crane.layout.role("trolley", "A picture of a lift")
-    row = int(run.q[:, trolley].argmax())
+    radius = analysis.loads.values.get("radius_m")
+    if radius is None:
+        row = 0
+        caption = "The crane of this lift from the side, at the start."
+    else:
+        # The certified run has the same places as that with lift-off, and other rows.
+        centres = analysis.certificate.lift.clearance.point(
+            run.q[:, analysis.certificate.lift.clearance.drive_joints]
+        )
+        row = int(np.linalg.norm(centres[:, :2], axis=1).argmax())
+        caption = (
+            "The crane of this lift from the side, its hook at a radius of "
+            f"{np.linalg.norm(centres[row, :2]):.1f} m, where the load is farthest out."
+        )
     q = run.q[row].copy()
-    q[crane.layout.role("slew", "A picture of a lift")] = 0.0  # the eye looks square to the jib
+    slew = LoadJoints.of(crane).slew
+    if slew is not None:
+        q[slew] = 0.0  # the eye looks square to the jib
     shown = State(q, np.zeros_like(q))
-    caption = (
-        f"The crane of this lift from the side, its trolley at {run.q[row, trolley]:.1f} m, where "
-        "the load is farthest out."
-    )
     return PageFigure.of(sketch(crane, shown), caption)
 
 

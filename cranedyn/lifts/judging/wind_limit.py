@@ -295,10 +295,15 @@ def _enter_values(
     )
     # Outside of its radii a chart has no rated load: such a lift has failed.
     reeving = chart.on(falls)
-    radius = loads["radius_m"]
-    inside = np.clip(radius, reeving.least, reeving.radii[-1])
-    used = loads["pull_N"] / (perturbed.crane.gravity * reeving.at(inside))
-    values["utilisation"][rows] = np.where(inside == radius, used, _FAILED).max(axis=1)
+    gravity = perturbed.crane.gravity
+    radius = loads.get("radius_m")
+    if radius is None:  # it does not slew
+        used = loads["pull_N"] / (gravity * reeving.constant)
+    else:
+        inside = np.clip(radius, reeving.least, reeving.radii[-1])
+        used = loads["pull_N"] / (gravity * reeving.at(inside))
+        used = np.where(inside == radius, used, _FAILED)
+    values["utilisation"][rows] = used.max(axis=1)
     # Both leads are angles from plumb in planes at right angles: squares of their tangents add.
     lead = np.hypot(np.tan(loads["off_lead_rad"]), np.tan(loads["side_lead_rad"]))
     values["swing"][rows] = np.arctan(lead).max(axis=1)

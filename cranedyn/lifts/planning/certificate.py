@@ -22,9 +22,10 @@ from cranedyn.lifts.planning.clearance import Clearance, Nearest
 from cranedyn.lifts.planning.coverage import coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.motion_proof import slew_range, unproven_row
-from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions, winch_of
 from cranedyn.lifts.planning.remeasure import second_look
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check, Verdict, overall
 
@@ -104,7 +105,7 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     the hoist.
     """
     crane = lift.crane
-    max_force = float(crane.effort_limit[crane.layout.drive("l")])
+    max_force = float(crane.effort_limit[winch_of(crane)])
     tracking = lqr(crane, lift.timed.motion, dt=dt)
     return HoistIntegral(crane, tracking, HOIST_INTEGRAL, max_force)
 
@@ -139,15 +140,18 @@ def certify(
     residual_swing = _swing_at(lift, run, motion.arrival)
     standing = standing_parts(clearance)
     covered = hanging_pairs(clearance) | slewing_pairs(clearance) | standing.pairs
+    slewing = []
+    if isinstance(clearance, TowerClearance):  # others prove the jib together with what hangs
+        slewing.append(_slewing_check(clearance, run.q[:, clearance.joints.slew]))
     checks = [
         _distance_check(clearance, run, motion.period, measured),
         _second_look_check(clearance, lift, run.q[measured.rows], measured.nearest),
-        _slewing_check(clearance, run.q[:, clearance.joints.slew]),
+        *slewing,
         standing_check(standing),
         _swing_check(clearance, run),
         _arrival_check(clearance, lift, run, residual_swing),
         _drives_check(clearance, lift, run),
-        coverage_check(clearance.site, covered),
+        coverage_check(clearance, covered),
     ]
     return Certificate(
         lift=replace(lift, clearance=clearance),
@@ -260,11 +264,9 @@ def _second_look_check(
 def _swing_at(lift: Lift, run: Trajectory, t: float) -> float:
     """Return the amplitude of the swing [rad] of a run at a time [s]."""
     row = int(np.searchsorted(run.t, t - 1e-9))  # the row of that time, in spite of rounding
-    passive = lift.crane.layout.passive
-    q = run.q[row : row + 1, passive]
-    v = run.v[row : row + 1, passive]
-    length = float(run.q[row, lift.clearance.joints.hoist])
-    return float(swing_amplitude(q, v, length, lift.crane.gravity)[0])
+    angles, rates = lift.clearance.swing(run.q[row : row + 1, :], run.v[row : row + 1, :])
+    length = float(lift.clearance.cable(run.q[row]))
+    return float(swing_amplitude(angles, rates, length, lift.crane.gravity)[0])
 
 
 def _distance_check(
@@ -281,19 +283,20 @@ def _distance_check(
     """
     required = clearance.site.distance
     nearest = measured.nearest
+    what = "Nothing that hangs" if clearance.jib_apart else "Nothing that moves"
     unproven = unproven_row(clearance, run.q, period)
     proof = "proven between all instants"
     if unproven is not None:
         proof = f"not proven at t = {float(run.t[unproven]):.2f} s"
     return Check(
-        f"Nothing that hangs comes nearer than {required:g} m: least is "
+        f"{what} comes nearer than {required:g} m: least is "
         f"{nearest.distance:.2f} m, {nearest.body} and {nearest.obstacle} at "
         f"t = {measured.nearest_t:.1f} s; {proof}.",
         unproven is None and nearest.distance >= required,
     )
 
 
-def _slewing_check(clearance: Clearance, slew: np.ndarray) -> Check:
+def _slewing_check(clearance: TowerClearance, slew: np.ndarray) -> Check:
     """Check that jib and counter-jib keep the required distance at all slew angles of a run [rad],
     shape (rows,).
     """

@@ -13,18 +13,10 @@ from collections.abc import Iterable, Mapping
 from typing import NamedTuple
 
 from cranedyn.lifts.planning.clearance import Clearance
-from cranedyn.lifts.planning.site import GROUND, MAST, OWN_BASE, OWN_UPPER, Site
+from cranedyn.lifts.planning.crane_bodies import CraneParts
+from cranedyn.lifts.planning.site import BELOW_UPPER, GROUND, HANGING, OWN_UPPER, Site
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
-
-HANGING = ("hook", "rope", "load")
-"""Bodies that hang from the trolley and swing."""
-
-BELOW_UPPER = ("hook", "load")
-"""Bodies that keep from what slews below the trolley, such as the slewing column. The rope does not
-need to: it hangs from the trolley, which rolls beside these parts, above hook and load."""
-
-BODIES = ("mast", "jib", "trolley", *HANGING)
-"""All bodies of a crane; the jib stands for all that slews with it, the counter-jib too."""
 
 
 class BodyAndObstacle(NamedTuple):
@@ -38,20 +30,22 @@ Pairs = frozenset[BodyAndObstacle]
 """Pairs of bodies and obstacles, in no order."""
 
 
-def required_pairs(site: Site) -> Pairs:
+def required_pairs(site: Site, parts: CraneParts) -> Pairs:
     """Return all pairs of bodies and obstacles that a certificate must compare.
 
-    Every body keeps from every solid, and what hangs keeps out of every zone and from the crane's
-    own mast and base; hook and load also from what slews below the trolley. The ground is for the
-    load alone: hook and rope hang above it, and the mast stands on it.
+    Every body keeps from every solid, and what hangs keeps out of every zone and from parts of the
+    crane itself, such as its mast. The ground is for the load alone: hook and rope hang above it,
+    and the crane stands on it.
+
+    Args:
+        site: The site.
+        parts: The bodies of the crane.
     """
     pairs: set[BodyAndObstacle] = set()
     for solid in site.solids:
-        pairs |= _pairs_with(solid.name, HANGING if solid.zone else BODIES)
-    pairs |= _pairs_with(MAST, HANGING)
-    pairs |= _pairs_with(OWN_UPPER, BELOW_UPPER)
-    if site.base is not None:
-        pairs |= _pairs_with(OWN_BASE, HANGING)
+        pairs |= _pairs_with(solid.name, HANGING if solid.zone else parts.bodies)
+    for obstacle, bodies in parts.own.items():
+        pairs |= _pairs_with(obstacle, bodies)
     pairs |= _pairs_with(GROUND, ("load",))
     return frozenset(pairs)
 
@@ -62,32 +56,33 @@ def _pairs_with(obstacle: str, bodies: Iterable[str]) -> set[BodyAndObstacle]:
 
 
 def hanging_pairs(clearance: Clearance) -> Pairs:
-    """Return the pairs of trolley, hook, rope and load with obstacles that `Clearance.margin`
-    compares. An obstacle counts only if all of its parts are among the compared shapes: one that a
-    proof left out, see `Clearance.contacts`, makes it missing.
+    """Return the pairs of bodies with obstacles that `Clearance.margin` compares.
 
-    The trolley rolls at a constant height. A solid that ends far enough below it needs no
-    comparison with it, and counts as compared.
+    An obstacle counts only if all of its parts are among the compared shapes: one that a proof left
+    out, see `Clearance.contacts`, makes it missing. Pairs that never come near each other, see
+    `Clearance.out_of_range`, count as compared.
     """
     part_counts = _shape_counts(clearance)
     pairs: set[BodyAndObstacle] = set()
-    for body, field in clearance.hanging_fields():
+    for body, field in clearance.compared_fields():
         for obstacle, count in field.shape_counts.items():
             if count >= part_counts[obstacle]:
                 pairs.add(BodyAndObstacle(body, obstacle))
-    if not part_counts[OWN_UPPER]:  # a crane without such shapes has nothing to compare
+    if not part_counts.get(OWN_UPPER):  # a crane without such shapes has nothing to compare
         pairs |= _pairs_with(OWN_UPPER, BELOW_UPPER)
-    for solid in clearance.site.seen_by_crane():
-        top = float(solid.vertices[:, 2].max())
-        if top + clearance.site.distance < clearance.trolley_bottom:
-            pairs.add(BodyAndObstacle("trolley", solid.name))
+    for body, obstacle in clearance.out_of_range():
+        pairs.add(BodyAndObstacle(body, obstacle))
     return frozenset(pairs)
 
 
 def slewing_pairs(clearance: Clearance) -> Pairs:
-    """Return the pairs of the jib with obstacles that `Clearance.slewing_margin` compares."""
-    part_counts = _shape_counts(clearance)
+    """Return the pairs of the jib with obstacles that `TowerClearance.slewing_margin` compares;
+    none for a crane whose structure is compared together with what hangs.
+    """
     pairs: set[BodyAndObstacle] = set()
+    if not isinstance(clearance, TowerClearance):
+        return frozenset(pairs)
+    part_counts = _shape_counts(clearance)
     for name, count in clearance.slewing_field.shape_counts.items():
         if count >= part_counts[name]:
             pairs.add(BodyAndObstacle("jib", name))
@@ -101,11 +96,19 @@ def _shape_counts(clearance: Clearance) -> Mapping[str, int]:
     return {**solids, GROUND: 1, **clearance.own_shape_counts}
 
 
-def coverage_check(site: Site, covered: Pairs) -> Check:
+def coverage_check(clearance: Clearance, covered: Pairs) -> Check:
     """Return a check that proofs compare every body of the crane with every obstacle; it is not
-    judged, and names the pairs, where they do not.
+    judged, and names the pairs, where they do not. Of a link that is not drawn nothing is compared.
     """
-    required = required_pairs(site)
+    site = clearance.site
+    parts = clearance.parts
+    if parts.undrawn:
+        return Check(
+            f"The description of the crane draws nothing of {' and '.join(parts.undrawn)}, so that "
+            "no proof compares it with anything; draw it with boxes, cylinders or spheres.",
+            None,
+        )
+    required = required_pairs(site, parts)
     missing = sorted(required - covered)
     if missing:
         listed = ", ".join(f"{body} and {obstacle}" for body, obstacle in missing[:5])
@@ -113,8 +116,9 @@ def coverage_check(site: Site, covered: Pairs) -> Check:
         return Check(f"No proof compares {listed}{more}.", None)
     count = len(site.solids)
     obstacles = "1 obstacle" if count == 1 else f"{count} obstacles"
+    standing = "the mast" if "mast" in parts.standing else "its own structure"
     return Check(
-        f"The proofs compare the {len(BODIES)} bodies of the crane with {obstacles}, the mast and "
-        f"the ground, and leave none of the {len(required)} pairs out.",
+        f"The proofs compare the {len(parts.bodies)} bodies of the crane with {obstacles}, "
+        f"{standing} and the ground, and leave none of the {len(required)} pairs out.",
         True,
     )

@@ -11,7 +11,7 @@ from __future__ import annotations
 import itertools
 import math
 import xml.etree.ElementTree as ET
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -21,6 +21,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.errors import ModelError
+from cranedyn.lifts.planning.site import HANGING
 from cranedyn.lifts.planning.solids import Solid, convex_hull, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -72,26 +73,43 @@ class BoundingBox(NamedTuple):
         return self.centre + signs * self.size / 2.0
 
 
-@dataclass(frozen=True, eq=False)
-class CollisionBodies:
-    """Bodies of a crane, each in the frame of the joint that carries it.
+@dataclass(frozen=True)
+class CraneParts:
+    """Names of the bodies of a crane beside hook, rope and load, which every crane has.
 
     Attributes:
-        mast: Corners of the hulls of the mast and its foot [m], shape (n, 3) each.
-        upper: Shapes that slew, jib and counter-jib among them.
-        trolley: The box around the trolley.
+        standing: Bodies that stand, such as a mast.
+        moving: Bodies above the rope that drives move, such as jib and trolley.
+        own: Parts of the crane that are obstacles to what hangs, by the name of the obstacle, with
+            the bodies that keep from them.
+        undrawn: Links that drives move and of which the description draws nothing.
+    """
+
+    standing: tuple[str, ...]
+    moving: tuple[str, ...]
+    own: Mapping[str, tuple[str, ...]]
+    undrawn: tuple[str, ...] = ()
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of all bodies that keep from the solids of a site."""
+        return *self.standing, *self.moving, *HANGING
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class HangingBodies:
+    """Bodies of a crane that hang, in the frame of the joint that carries the load.
+
+    Attributes:
         hook: The box around the hook, above the load.
         load: Corners of the load about the end of the cable [m], shape (n, 3), in the frame of the
             hoist joint. The load is their convex hull.
         falls: Radius about the cable's axis within which the falls of the rope run [m]: half the
             width of the hook's block.
-        hook_turn: Rotation from the frame of the hoist joint to that of the crane at zero slew,
-            about Z, shape (3, 3).
+        hook_turn: Rotation from the frame of the hoist joint to that of the crane with its drives
+            at zero and the load plumb, about Z, shape (3, 3).
     """
 
-    mast: list[np.ndarray]
-    upper: list[DrawnShape]
-    trolley: BoundingBox
     hook: BoundingBox
     load: np.ndarray
     falls: float
@@ -99,13 +117,15 @@ class CollisionBodies:
 
     @cached_property
     def spread(self) -> float:
-        """Largest distance of trolley, rope, hook or load from the plumb line [m]."""
-        radii = [self.falls]
-        for box in (self.trolley, self.hook):
-            x, y = np.abs(box.centre[:2]) + box.size[:2] / 2.0
-            radii.append(np.hypot(x, y))
+        """Largest distance of rope, hook or load from the plumb line [m]."""
+        radii = [self.falls, *(_largest_radius(box) for box in self._boxes)]
         radii.append(np.linalg.norm(self.load[:, :2], axis=1).max())
         return float(max(radii))
+
+    @property
+    def _boxes(self) -> Sequence[BoundingBox]:
+        """Boxes that `spread` counts."""
+        return (self.hook,)
 
     @cached_property
     def below(self) -> float:
@@ -113,6 +133,26 @@ class CollisionBodies:
         farther from the pivot than l and this.
         """
         return float(np.linalg.norm(self.load, axis=1).max())
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class CollisionBodies(HangingBodies):
+    """Bodies of a tower crane, each in the frame of the joint that carries it.
+
+    Attributes:
+        mast: Corners of the hulls of the mast and its foot [m], shape (n, 3) each.
+        upper: Shapes that slew, jib and counter-jib among them.
+        trolley: The box around the trolley.
+    """
+
+    mast: list[np.ndarray]
+    upper: list[DrawnShape]
+    trolley: BoundingBox
+
+    @property
+    def _boxes(self) -> Sequence[BoundingBox]:
+        """The trolley rolls above the load, and `spread` counts it, too."""
+        return self.trolley, self.hook
 
 
 def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionBodies:
@@ -154,7 +194,7 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
                 f"The URDF of the crane shows no shapes of its {name}; clearance needs boxes, "
                 "cylinders or spheres."
             )
-    drawn = _drawn_payload(groups["payload"])
+    drawn = drawn_payload(groups["payload"])
     turn = hook_turn(crane)
     carried = drawn.load
     hook_rise = 0.0
@@ -165,15 +205,15 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
-        trolley=_box_around(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
-        hook=_box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
+        trolley=box_around(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
+        hook=box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
         load=carried,
         falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0,
         hook_turn=turn,
     )
 
 
-class _DrawnPayload(NamedTuple):
+class DrawnPayload(NamedTuple):
     """The link at the hook, as the URDF draws it; corners about the end of the cable [m], shape
     (n, 3) each.
 
@@ -181,7 +221,8 @@ class _DrawnPayload(NamedTuple):
         load: Corners of the load.
         top: Height of the top of its largest shape [m].
         hook: Corners of each shape of the hook with its block and slings.
-        block: The highest of them, from which the falls of the rope go up.
+        block: The highest of them, from which the falls of the rope go up; the load where there is
+            no hook.
     """
 
     load: np.ndarray
@@ -190,11 +231,11 @@ class _DrawnPayload(NamedTuple):
     block: np.ndarray
 
 
-def _drawn_payload(shapes: list[DrawnShape]) -> _DrawnPayload:
+def drawn_payload(shapes: list[DrawnShape], *, needs_hook: bool = True) -> DrawnPayload:
     """Tell load and hook apart among the shapes of a link.
 
     Raises:
-        ModelError: If there is no shape above the load.
+        ModelError: If there is no shape above the load, and one is needed.
     """
 
     def volume(points: np.ndarray) -> float:
@@ -207,21 +248,26 @@ def _drawn_payload(shapes: list[DrawnShape]) -> _DrawnPayload:
     top = highest(max(corners, key=volume))
     hook = [points for points in corners if points[:, 2].mean() > top]
     load = [points for points in corners if not points[:, 2].mean() > top]
-    if not hook:
+    if not hook and needs_hook:
         raise ModelError(
             "The URDF of the crane shows no hook above its load, so that the width of the rope is "
             "not known."
         )
     if len(load) > 1:
-        load = [_box_around(np.concatenate(load)).corners]
-    return _DrawnPayload(load[0], top, hook, max(hook, key=highest))
+        load = [box_around(np.concatenate(load)).corners]
+    return DrawnPayload(load[0], top, hook, max(hook, key=highest, default=load[0]))
 
 
 def hook_turn(crane: Crane) -> np.ndarray:
-    """Return the rotation from the frame of the hoist joint of a tower crane to that of the crane,
-    with all coordinates at zero, shape (3, 3).
+    """Return the rotation from the frame of the hoist joint to that of the crane, with both drives
+    that carry the rope at zero and the load plumb, shape (3, 3).
     """
-    return _frames(crane, np.zeros(crane.layout.n))[-1].rotation
+    q = crane.start.q.copy()
+    q[crane.layout.drives[:2]] = 0.0
+    q = crane.hanging(q)
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, q)
+    return data.oMi[crane.payload.body + 1].rotation.copy()
 
 
 def refuse_other_kinematics(crane: Crane) -> None:
@@ -360,7 +406,13 @@ def corners_of(shape: DrawnShape) -> np.ndarray:
     return box @ shape.rotation.T + shape.translation
 
 
-def _box_around(points: np.ndarray) -> BoundingBox:
+def _largest_radius(box: BoundingBox) -> float:
+    """Return the largest distance of a corner of a box from the Z axis [m]."""
+    x, y = np.abs(box.centre[:2]) + box.size[:2] / 2.0
+    return float(np.hypot(x, y))
+
+
+def box_around(points: np.ndarray) -> BoundingBox:
     """Return the box around points [m], shape (n, 3)."""
     low = points.min(axis=0)
     high = points.max(axis=0)

@@ -26,6 +26,7 @@ from cranedyn.dynamics.equations_of_motion import body_points, payload_position,
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.interfaces import Controller, Setpoint, State
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import tower_clearance
 from cranedyn.lifts.planning.coverage import Pairs, coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.lifts.planning.lift import Lift, NoWay
 from cranedyn.lifts.planning.motion_proof import unproven_row
@@ -38,6 +39,7 @@ from cranedyn.lifts.planning.support import (
     meshes_at,
     support_of,
 )
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.model.urdf import inertial_element, set_placement
@@ -212,6 +214,19 @@ def stands_at(end: np.ndarray | None) -> bool:
     return end is not None and len(end) == 2
 
 
+def not_grounded(lift: Lift, *, certified: bool) -> str:
+    """Return why lift-off and set-down of a lift are not simulated, to end a sentence with; empty
+    if they are.
+
+    Args:
+        lift: The lift.
+        certified: Whether its certificate holds.
+    """
+    if not isinstance(lift.clearance, TowerClearance):
+        return "they are simulated for tower cranes only"
+    return "" if certified else "the plan has no certificate"
+
+
 def from_ground(
     lift: Lift,
     *,
@@ -237,9 +252,10 @@ def from_ground(
     Raises:
         OutOfRange: If a number is out of its range.
         NoWay: If the load would stand on or in a mesh that is not convex, or is no box.
-        ModelError: If joints or links of the crane have names of those of a rope that stretches.
+        ModelError: If it is no tower crane of this project's kind, or has names of joints or links
+            that those of a rope that stretches have.
     """
-    clearance = lift.clearance
+    clearance = tower_clearance(lift.clearance, "A lift from the ground or to it")
     planned = lift.timed.motion
     number("EA of the rope", rope_stiffness, "N", "> 0")
     fastest = float(lift.limits.rates[lift.crane.layout.drive("l")])
@@ -598,7 +614,7 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
         contact_check(stands),
         _slewing_check(lift, q),
         standing_check(standing_result),
-        coverage_check(clearance.site, compared),
+        coverage_check(clearance, compared),
     ]
 
 
@@ -674,7 +690,7 @@ def _falls_of(clearance: Clearance) -> int:
     return int(clearance.crane.record.get("arguments", {}).get("falls", 1))
 
 
-def _on_rope(clearance: Clearance, ea: float) -> tuple[Crane, list[float]]:
+def _on_rope(clearance: TowerClearance, ea: float) -> tuple[Crane, list[float]]:
     """Return the crane with its load, a box, on a lug below a rope that stretches and reaches the
     ground; and the sides of the box [m], shape (3,).
 

@@ -16,9 +16,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN
 from cranedyn.lifts.planning.solids import rotation_z
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.lifts.planning.transcription import ca
 
 _MAX_HALF_SPACES = 6
@@ -83,7 +83,7 @@ class HalfSpaces:
         margin: Distance to keep beyond what a proof needs [m].
     """
 
-    clearance: Clearance
+    clearance: TowerClearance
     values: np.ndarray
     margin: float
 
@@ -119,7 +119,9 @@ class HalfSpaces:
         return (distance - envelope - PROOF_MARGIN - self.margin).T
 
 
-def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float) -> HalfSpaces:
+def half_spaces(
+    clearance: TowerClearance, drive_positions: np.ndarray, margin: float
+) -> HalfSpaces:
     """Return the half spaces about the points of a plan, at places of shape (points, 3), with a
     margin beyond what a proof needs [m].
     """
@@ -137,7 +139,7 @@ def half_spaces(clearance: Clearance, drive_positions: np.ndarray, margin: float
     return HalfSpaces(clearance, values.reshape(point_count, -1).T, margin)
 
 
-def _at(clearance: Clearance, drive_position: np.ndarray) -> list[_HalfSpace]:
+def _at(clearance: TowerClearance, drive_position: np.ndarray) -> list[_HalfSpace]:
     """Return the half spaces of all obstacles near a place, shape (3,)."""
     gamma, x, length = drive_position.tolist()
     rotation = rotation_z(gamma)

@@ -23,6 +23,7 @@ from cranedyn.checks import finite
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.curve import (
     Path,
     leg_durations,
@@ -33,11 +34,12 @@ from cranedyn.lifts.planning.curve import (
 )
 from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, SlewRange, slew_range, unproven_row
 from cranedyn.lifts.planning.path_search import MAX_CELLS, best_on_grid, search
-from cranedyn.lifts.planning.plan_assumptions import held_mass
+from cranedyn.lifts.planning.plan_assumptions import held_mass, winch_of
 from cranedyn.lifts.planning.plausibility import findings, unusual_or_refuse
-from cranedyn.lifts.planning.site import DRIVES, Site
+from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.timing import TimedMotion, timed
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.load import load_crane
@@ -155,7 +157,8 @@ class Lift:
         ramp = (rates / np.array(self.limits.accelerations)).min()
         grid_duration = math.inf
         least = math.inf
-        both_ways = _ends_both_ways(self.ends[0], self.ends[1], self.slews)
+        turning = self.clearance.turning
+        both_ways = _ends_both_ways(self.ends[0], self.ends[1], turning, self.slews)
         for ends in both_ways:
             straight = straight_time(ends, self.limits)
             if straight >= least:
@@ -190,6 +193,8 @@ def crane_of(
 ) -> Crane:
     """Load the crane of a site, from another file or with further values changed by name.
 
+    The crane is that which the site describes, or else the tower crane of this project.
+
     A file other than a ``.xacro`` has no arguments: its own numbers hold, and those that the site
     enters must be the same.
 
@@ -200,29 +205,27 @@ def crane_of(
     """
     for name in site.crane.keys() & values.keys():
         raise DataError(f"{name} is given by the site, too; leave one out.")
-    if urdf is None or pathlib.Path(urdf).suffix == ".xacro":
+    described = site.description
+    if described is not None and urdf is not None:
+        raise DataError(f"The site says which crane it is ([crane]); leave {urdf} out.")
+    if described is not None and described.file is not None:
+        urdf = described.file
+        crane = described.load(values, gravity)
+    elif described is not None:
+        return described.load({**site.crane, **values}, gravity)
+    elif urdf is None or pathlib.Path(urdf).suffix == ".xacro":
         return load_crane(urdf, gravity=gravity, values={**site.crane, **values})
-    crane = load_crane(urdf, gravity=gravity, values=values)
-    for name in site.crane:
-        if name not in _COMPARED_ARGUMENTS:
-            raise DataError(
-                f"The site enters {name}, an argument that {urdf} does not have, since it is no "
-                ".xacro file; leave it out of the site, or give the crane as a .xacro file."
-            )
+    else:
+        crane = load_crane(urdf, gravity=gravity, values=values)
+    # A description without arguments: what the site enters is compared with it, the counter-jib
+    # with its shapes (`cranedyn.lifts.judging.lift_checks`).
+    for name in site.crane.keys() - _numbers_by_argument(crane).keys() - {"counter_jib"}:
+        raise DataError(
+            f"The site enters {name}, an argument that {urdf} does not have, since it is no "
+            ".xacro file; leave it out of the site, or give the crane as a .xacro file."
+        )
     refuse_contradictions(site, crane)
     return crane
-
-
-_COMPARED_ARGUMENTS = {
-    "payload_mass",
-    "slew_effort",
-    "trolley_effort",
-    "hoist_effort",
-    "counter_jib",
-}
-"""Arguments that a site may enter for a crane whose description has no arguments: they are compared
-with the description itself, the counter-jib with its shapes
-(`cranedyn.lifts.judging.lift_checks`)."""
 
 
 def plan_lift(
@@ -255,9 +258,8 @@ def plan_lift(
             lift would take longer than `cranedyn.lifts.planning.curve.LONGEST_LIFT`.
         DataError: If a value of the site, the start or the goal cannot be meant, see
             `cranedyn.lifts.planning.plausibility`.
-        MissingRole: If it is not a tower crane.
-        ModelError: If its joints are not where a planned lift needs them, see
-            `cranedyn.lifts.planning.crane_bodies.refuse_other_kinematics`.
+        ModelError: If its joints are others than a planned lift needs, see
+            `cranedyn.lifts.planning.clearance_of.clearance_of`.
         Misshapen: If start or goal is no array of two or three numbers.
         CraneError: If there is no start or goal, the values of the site make no crane, or the extra
             `planning` is not installed.
@@ -266,7 +268,7 @@ def plan_lift(
         crane = crane_of(site)
     refuse_contradictions(site, crane)
     limits = _planned_limits(crane, limits)
-    clearance = Clearance(crane, site)
+    clearance = clearance_of(crane, site)
     start = site.start if start is None else start
     goal = site.goal if goal is None else goal
     _refuse_implausible(clearance, start, goal)
@@ -277,9 +279,9 @@ def plan_lift(
     if np.allclose(first, last, atol=1e-6):
         place = np.round(np.asarray(goal), 3).tolist()
         raise NoWay(f"Start and goal of the lift are the same place, {place}; give another goal.")
-    slews = _free_slews(clearance, float(first[0]))
+    slews = _free_slews(clearance, first)
     lifts: list[Lift] = []
-    for ends in _ends_both_ways(first, last, slews):
+    for ends in _ends_both_ways(first, last, clearance.turning, slews):
         straight = straight_time(ends, limits)
         if not lifts:
             # Once there is a lift, a direction that takes too long is no reason to refuse it.
@@ -301,15 +303,22 @@ def _planned_limits(crane: Crane, limits: Limits) -> Limits:
     return replace(limits, rates=rates.tolist())
 
 
-def _free_slews(clearance: Clearance, gamma: float) -> SlewRange:
-    """Return the slew angles that the jib is proven to reach from an angle [rad].
+def _free_slews(clearance: Clearance, first: np.ndarray) -> SlewRange:
+    """Return the slew angles that the jib is proven to reach from a place. Where the jib is proven
+    together with what hangs, these are the range of the joint.
 
     Raises:
         NoWay: If the jib is too close to an obstacle there.
     """
     crane = clearance.crane
-    slew = clearance.joints.slew
-    slews = slew_range(clearance, gamma, float(crane.lower[slew]), float(crane.upper[slew]))
+    if clearance.turning is None:
+        return SlewRange(-math.inf, math.inf, "", "")
+    slew = clearance.drive_joints[clearance.turning]
+    low = float(crane.lower[slew])
+    high = float(crane.upper[slew])
+    if not isinstance(clearance, TowerClearance):
+        return SlewRange(low, high, "", "")
+    slews = slew_range(clearance, float(first[clearance.turning]), low, high)
     if slews.low == slews.high:
         # Where the start is at an end of the joint's range, only the other end names an obstacle.
         obstacle = slews.below or slews.above
@@ -372,16 +381,13 @@ def _value_of(crane: Crane, name: str) -> _Quantity | None:
 
 
 def _numbers_by_argument(crane: Crane) -> dict[str, _Quantity]:
-    """Return the numbers of a model that a site may enter as arguments of the tower crane of this
-    project, whatever description the crane was loaded from.
+    """Return the numbers of a model that a site may enter as arguments of a crane, whatever
+    description it was loaded from: the mass of the load, and the largest effort of each drive.
     """
-    layout = crane.layout
     numbers = {"payload_mass": _Quantity(crane.payload_mass, "kg")}
-    for role in DRIVES:
-        drive = layout.drive_of(role)
-        if drive is not None:
-            unit = layout.driven[drive].effort_unit
-            numbers[f"{role}_effort"] = _Quantity(float(crane.effort_limit[drive]), unit)
+    for joint, effort in zip(crane.layout.driven, crane.effort_limit.tolist(), strict=True):
+        name = joint.role or joint.symbol
+        numbers[f"{name}_effort"] = _Quantity(effort, joint.effort_unit)
     return numbers
 
 
@@ -399,9 +405,7 @@ def _refuse_implausible(
         return end if end is not None and np.shape(end) in ((2,), (3,)) else None
 
     site = replace(clearance.site, start=only_if_point(start), goal=only_if_point(goal))
-    trolley = clearance.joints.trolley
-    reach = float(clearance.crane.lower[trolley]), float(clearance.crane.upper[trolley])
-    unusual_or_refuse(findings(site, reach))
+    unusual_or_refuse(findings(site, clearance.reach))
 
 
 def _refuse_unless_it_stands(clearance: Clearance) -> None:
@@ -421,7 +425,7 @@ def _refuse_unless_it_holds(crane: Crane) -> None:
     Raises:
         NoWay: With both masses.
     """
-    hoist = crane.layout.drive("l")
+    hoist = winch_of(crane)
     largest_mass = float(crane.effort_limit[hoist]) / crane.gravity
     load = held_mass(crane)
     if not load <= largest_mass:
@@ -475,10 +479,11 @@ def _too_close(clearance: Clearance, name: str, drive_position: np.ndarray) -> s
     do.
     """
     site = clearance.site
-    nearest = clearance.nearest(clearance.q(drive_position), count_zones=True)
+    q = clearance.q(drive_position)
+    nearest = clearance.nearest(q, count_zones=True)
     zones = [solid.name for solid in clearance.solids if solid.zone]
     envelope = (
-        f"{clearance.envelope(float(drive_position[2])):.2f} m for a swing of "
+        f"{clearance.envelope(float(clearance.cable(q))):.2f} m for a swing of "
         f"{math.degrees(site.swing):.2g}°"
     )
     if nearest.obstacle in zones:
@@ -500,8 +505,8 @@ def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
     for length in lengths[1:]:
         higher = np.array([*drive_position[:2], length])
         if clearance.swing_margin(higher) >= PROOF_MARGIN:
-            now = foot + clearance.height - float(drive_position[2])
-            then = foot + clearance.height - length
+            now = foot + float(clearance.point(drive_position)[2])
+            then = foot + float(clearance.point(higher)[2])
             # Rounded up: a height that is rounded down would be too low again.
             return (
                 f"Raise the {name} from z = {now:.2f} m to {math.ceil(10.0 * then) / 10.0:.1f} m."
@@ -516,9 +521,8 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     """Return the place down to which the load can hang with its swing and the margins of `EXTRA`,
     above a point [m], shape (2,).
     """
-    top = float(clearance.site.foot[2]) + clearance.height - clearance.shortest_cable - PROOF_MARGIN
-    place = clearance.place(np.array([*point, top]), name)
-    longest = float(clearance.crane.upper[clearance.joints.hoist])
+    place = clearance.highest_place(point, name, PROOF_MARGIN)
+    longest = float(clearance.crane.upper[clearance.hoist])
     for length in np.arange(place[2], longest, _LOWERING_STEP):
         lower = np.array([*place[:2], length])
         if not clearance.swing_margin(lower) >= max(EXTRA) + PROOF_MARGIN:
@@ -527,15 +531,26 @@ def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     return place
 
 
-def _ends_both_ways(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> list[np.ndarray]:
+def _ends_both_ways(
+    first: np.ndarray, last: np.ndarray, turning: int | None, slews: SlewRange
+) -> list[np.ndarray]:
     """Return start and goal, shape (2, 3), in both directions round the mast as far as the jib can
     turn, the nearer one first.
 
     Angles of slew a full turn apart are one direction of the jib. The two nearest of those that
-    point to the goal are the ends of both ways; no way is longer than a full turn.
+    point to the goal are the ends of both ways; no way is longer than a full turn. A crane that
+    does not turn has one way.
+
+    Args:
+        first: Place of the start, shape (3,).
+        last: Place of the goal, shape (3,).
+        turning: Index of the drive that turns the crane; None if there is none.
+        slews: Its free angles.
     """
-    start_angle = first[0]
-    goal_angle = last[0]
+    if turning is None:
+        return [np.array([first, last])]
+    start_angle = first[turning]
+    goal_angle = last[turning]
     fewest_turns = math.ceil((slews.low - goal_angle) / _TURN)
     most_turns = math.floor((slews.high - goal_angle) / _TURN)
     angles = [goal_angle + k * _TURN for k in range(fewest_turns, most_turns + 1)]
@@ -543,18 +558,24 @@ def _ends_both_ways(first: np.ndarray, last: np.ndarray, slews: SlewRange) -> li
     ends = []
     for gamma in angles[:2]:
         if abs(gamma - start_angle) <= _TURN:
-            ends.append(np.array([first, [gamma, *last[1:]]]))
+            goal = last.copy()
+            goal[turning] = gamma
+            ends.append(np.array([first, goal]))
     return ends
 
 
 def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndarray:
-    """Return the least and largest place of the search, shape (2, 3): up to a quarter turn beyond
-    the ends within the free slew angles, and the ranges of trolley and hoist.
+    """Return the least and largest place of the search, shape (2, 3): the ranges of the drives, and
+    of the drive that turns the crane up to a quarter turn beyond the ends within its free angles.
     """
     lower = clearance.crane.lower[clearance.drive_joints]
     upper = clearance.crane.upper[clearance.drive_joints]
-    _, inner, _ = lower.tolist()
-    _, outer, longest = upper.tolist()
+    lower[2] = clearance.shortest_cable
+    turning = clearance.turning
+    if turning is None:
+        return np.array([lower, upper])
+    longest = float(upper[2])
+    inner, _ = clearance.reach
 
     # Where an obstacle stops the jib, the way stays away from the end of the slew range, since the
     # jib has to go ahead of a load that swings across it. A swing s on the cable length l moves the
@@ -563,9 +584,9 @@ def _bounds(clearance: Clearance, ends: np.ndarray, slews: SlewRange) -> np.ndar
     reserve = min(clearance.site.swing * longest / max(inner, 1e-3), _MAX_SLEW_RESERVE)
     lowest_slew = slews.low + reserve if slews.below else slews.low
     highest_slew = slews.high - reserve if slews.above else slews.high
-    low = max(lowest_slew, ends[:, 0].min() - math.pi / 2.0)
-    high = min(highest_slew, ends[:, 0].max() + math.pi / 2.0)
-    return np.array([[low, inner, clearance.shortest_cable], [high, outer, longest]])
+    lower[turning] = max(lowest_slew, ends[:, turning].min() - math.pi / 2.0)
+    upper[turning] = min(highest_slew, ends[:, turning].max() + math.pi / 2.0)
+    return np.array([lower, upper])
 
 
 def _are_within(bounds: np.ndarray, ends: np.ndarray) -> bool:
@@ -632,12 +653,14 @@ def _is_proven(clearance: Clearance, slews: SlewRange, candidate: TimedMotion) -
     """
     motion = candidate.motion
     q = motion.q
-    slew = q[:, clearance.joints.slew]
     in_ranges = bool((q >= clearance.crane.lower).all() and (q <= clearance.crane.upper).all())
-    jib_is_free = bool(slews.low <= slew.min() and slew.max() <= slews.high)
-    if not (in_ranges and jib_is_free):
+    if not in_ranges:
         return False
-    envelope = clearance.envelope(q[:, clearance.joints.hoist])
+    if clearance.turning is not None:
+        slew = q[:, clearance.drive_joints[clearance.turning]]
+        if not (slews.low <= slew.min() and slew.max() <= slews.high):
+            return False
+    envelope = clearance.envelope(clearance.cable(q))
     return unproven_row(clearance, q, motion.period, envelope=envelope) is None
 
 
@@ -647,7 +670,7 @@ def _reason(
     """Return why no lift was found, by a search on a grid from both ends, and by one with a load
     that nearly is a point.
     """
-    both_ways = _ends_both_ways(first, last, slews)
+    both_ways = _ends_both_ways(first, last, clearance.turning, slews)
     if not both_ways:
         names = [name for name in (slews.below, slews.above) if name]
         return (
@@ -661,7 +684,7 @@ def _reason(
         if _are_within(bounds, ends)
     ]
     if not searched:
-        return _out_of_bounds(both_ways[0], bounds_of_ways[0], slews)
+        return _out_of_bounds(both_ways[0], bounds_of_ways[0], clearance.turning, slews)
     ends, bounds = searched[0]
     for end_name, pair in (("start", ends), ("goal", ends[::-1])):
         result = best_on_grid(clearance, pair, bounds, rates, cell_limit=MAX_CELLS)
@@ -688,17 +711,23 @@ def _reason(
     )
 
 
-def _out_of_bounds(ends: np.ndarray, bounds: np.ndarray, slews: SlewRange) -> str:
+def _out_of_bounds(
+    ends: np.ndarray, bounds: np.ndarray, turning: int | None, slews: SlewRange
+) -> str:
     """Return a sentence about the first end of a lift that is out of the bounds of the search: its
     jib is too near to where an obstacle stops it, or beyond the range of its slew. Places are
     within the ranges of trolley and hoist, see `Clearance.place`.
     """
-    for name, slew in zip(("start", "goal"), ends[:, 0].tolist(), strict=True):
-        below = slew < bounds[0, 0]
-        if not below and not slew > bounds[1, 0]:
+    if turning is None:
+        return "Start or goal is out of the ranges of the drives."
+    lowest = float(bounds[0, turning])
+    highest = float(bounds[1, turning])
+    for name, slew in zip(("start", "goal"), ends[:, turning].tolist(), strict=True):
+        below = slew < lowest
+        if not below and not slew > highest:
             continue
         obstacle = slews.below if below else slews.above
-        limit = math.degrees(bounds[0, 0] if below else bounds[1, 0])
+        limit = math.degrees(lowest if below else highest)
         side = "above" if below else "below"
         where = f"At the {name} the slew is {math.degrees(slew):.1f}°; a lift needs it {side}"
         if not obstacle:
@@ -717,5 +746,5 @@ def _small_load_passes(
     """Return whether there is a way on the grid for a load that nearly is a point."""
     bodies = clearance.bodies
     site = replace(clearance.site, load=_SMALL_LOAD_SCALE * bodies.load @ bodies.hook_turn.T)
-    small = Clearance(clearance.crane, site)
+    small = replace(clearance, site=site, known_bodies=None)
     return best_on_grid(small, ends, bounds, rates, cell_limit=MAX_CELLS).points is not None

@@ -21,6 +21,7 @@ import numpy as np
 
 from cranedyn.errors import CraneError
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 
 PROOF_MARGIN = 1e-2
 """Margin in the middle of a stretch below which the proof of a curve gives up [m]. Between the
@@ -149,7 +150,7 @@ def unproven_row(
         middle = (low + high) // 2
         # Not Python's max, which may drop a displacement that is not a number.
         bound = np.maximum(moved[middle] - moved[low], moved[high] - moved[middle]) + bend
-        if clearance.margin(q[middle]) - envelope[middle] > bound:
+        if clearance.margin(q[middle], float(envelope[middle])) > bound:
             continue
         if high - low <= 1:
             return middle
@@ -173,7 +174,7 @@ class SlewRange(NamedTuple):
     above: str
 
 
-def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> SlewRange:
+def slew_range(clearance: TowerClearance, gamma: float, low: float, high: float) -> SlewRange:
     """Return the slew angles that jib and counter-jib are proven to reach from an angle gamma
     [rad], within the range of the joint from low to high [rad]. Where the jib is too close to an
     obstacle already, the range is empty: both of its ends are gamma.
@@ -184,7 +185,7 @@ def slew_range(clearance: Clearance, gamma: float, low: float, high: float) -> S
 
 
 def _slewed_towards(
-    clearance: Clearance, gamma: float, limit: float, *, sign: float
+    clearance: TowerClearance, gamma: float, limit: float, *, sign: float
 ) -> tuple[float, str]:
     """Return the angle that the jib is proven to reach from an angle gamma towards a limit [rad],
     in the direction of a sign, and the name of the obstacle that stops it; an empty name where it

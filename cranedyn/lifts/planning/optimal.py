@@ -21,6 +21,7 @@ from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning import transcription
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import tower_clearance
 from cranedyn.lifts.planning.drive_trajectory import SAME_TIME_TOLERANCE, DriveTrajectory
 from cranedyn.lifts.planning.half_spaces import half_spaces
 from cranedyn.lifts.planning.motion_proof import (
@@ -41,6 +42,7 @@ from cranedyn.lifts.planning.move import (
     problem,
     straight_plan,
 )
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.lifts.planning.transcription import CollocationPlan
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -160,7 +162,7 @@ def optimal(
         OutOfRange: If an end is out of the ranges, limits or bounds or, for what does not move, off
             its balance, both ends are one state, a number makes no sense, the hoist cannot hold
             the load, or the duration is shorter than the least.
-        MissingRole: If there are obstacles and it is not a tower crane.
+        ModelError: If there are obstacles and it is not a tower crane of this project's kind.
         UnknownName: If one of `still` is no drive.
         Unproven: If a motion past obstacles is not proven.
         CraneError: If IPOPT does not converge.
@@ -196,12 +198,14 @@ def optimal(
         swing=swing,
         preference=preference,
     )
+    among = None
     if clearance is not None:
-        move = _among_obstacles(move, clearance)
+        among = tower_clearance(clearance, "A motion of least time among obstacles")
+        move = _among_obstacles(move, among)
     shortest = 0.0 if duration is None else number("duration", duration, "s", "> 0")
     first = _first_plan(move, shortest, ramp, interval, period, begin)
 
-    search = _Search(move, clearance, tolerance, iterations)
+    search = _Search(move, among, tolerance, iterations)
     with _CASADI_LOCK:
         plan = search.best(first, shortest)
         if duration is not None:
@@ -211,8 +215,8 @@ def optimal(
             periods_needed = math.ceil(plan.durations.sum() / period - _ROUNDING)
             plan = search.lasting(plan, period * periods_needed)
     motion = DriveTrajectory(move, plan).motion(period)
-    if clearance is not None:
-        _check_rows(clearance, move, motion)
+    if among is not None:
+        _check_rows(among, move, motion)
     return motion
 
 
@@ -241,7 +245,7 @@ class _Search:
     """
 
     move: Move
-    clearance: Clearance | None
+    clearance: TowerClearance | None
     tolerance: float
     iterations: int
 
@@ -505,7 +509,7 @@ def _moving_drives(
     return np.array([i for i, joint in enumerate(layout.driven) if joint.symbol not in still])
 
 
-def _among_obstacles(move: Move, clearance: Clearance) -> Move:
+def _among_obstacles(move: Move, clearance: TowerClearance) -> Move:
     """Return a move among obstacles: the jib in the slew angles that are free about the start, the
     rope within the swing of the site.
 
@@ -538,7 +542,7 @@ def _among_obstacles(move: Move, clearance: Clearance) -> Move:
     return replace(move, tilt=clearance.site.swing, given_ranges=np.array([lower, upper]))
 
 
-def _check_rows(clearance: Clearance, move: Move, motion: Motion) -> None:
+def _check_rows(clearance: TowerClearance, move: Move, motion: Motion) -> None:
     """Check that the rows of a motion keep the angles of rope and jib, as the plan does at its
     points.
 

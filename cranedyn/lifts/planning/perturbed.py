@@ -21,7 +21,7 @@ from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.planning.certificate import AFTER, Certificate, controller_of
-from cranedyn.lifts.planning.clearance import Clearance, Joints
+from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import interpolate_columns
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.motion_proof import MAX_ACCELERATION
@@ -292,7 +292,7 @@ def _simulate_chunk(
     crane = lift.crane
     motion = lift.timed.motion
     load = float(drawn["load"][0])
-    hoist = lift.clearance.joints.hoist
+    hoist = lift.clearance.hoist
 
     # A compiled program has the numbers of the crane that are the same in its whole batch as
     # constants. In a chunk all loads are the same, so that each load would need a program of its
@@ -314,7 +314,10 @@ def _simulate_chunk(
     start[:, hoist] += drawn["cable_m"]
     sensor_offset = np.zeros((count, 2 * crane.layout.n))
     sensor_offset[:, hoist] = -drawn["cable_m"]
-    _hang_in_wind(start, force[:, 0, :3], cranes[load], lift.clearance.joints)
+    weight = cranes[load].payload_mass * crane.gravity
+    # Wind and weight balance, the pivots unmoved: the rope points along their sum.
+    pull = force[:, 0, :3] - np.array([0.0, 0.0, weight])
+    start = lift.clearance.hang_along(start, pull)
 
     batch = simulate_batch(
         [*[cranes[load]] * (count - 1), other_crane],
@@ -373,28 +376,6 @@ def _period_count(lift: Lift) -> int:
 def _periods_per_row(lift: Lift) -> int:
     """Return the number of control periods between rows that are kept."""
     return max(1, round(_RECORDING_INTERVAL / lift.timed.motion.period))
-
-
-def _hang_in_wind(start: np.ndarray, force: np.ndarray, crane: Crane, joints: Joints) -> None:
-    """Set the swing angles of loads so that wind and weight balance, their pivots unmoved.
-
-    The rope points along the sum of weight W and force F. Its radial angle turns first, so that it
-    takes the outward part F_o against W, and its tangential angle takes the part F_t along the
-    direction of positive slew against √(W² + F_o²).
-
-    Args:
-        start: Coordinates, shape (k, n); the swing angles are overwritten.
-        force: Forces of the wind in the world [N], shape (k, 3).
-        crane: The crane with the load.
-        joints: Its joints.
-    """
-    gamma = start[:, joints.slew]
-    weight = crane.payload_mass * crane.gravity
-    # At a slew of zero the jib points along -Y, and positive slew moves it towards +X.
-    outward = force[:, 0] * np.sin(gamma) - force[:, 1] * np.cos(gamma)
-    tangential = force[:, 0] * np.cos(gamma) + force[:, 1] * np.sin(gamma)
-    start[:, joints.radial_swing] = -np.arctan2(outward, weight)
-    start[:, joints.tangential_swing] = -np.arctan2(tangential, np.hypot(weight, outward))
 
 
 def _wind_forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:

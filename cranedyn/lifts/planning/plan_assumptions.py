@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.dynamics.equations_of_motion import holding_effort
+from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -25,13 +26,26 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
         crane: The crane.
         limits: Limits that the lift is planned with: those of the site if it enters any, or less.
     """
-    return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, limits)]
+    return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, crane, limits)]
 
 
 def held_mass(crane: Crane) -> float:
     """Return the mass that the hoist of a crane holds at its start [kg]."""
-    hoist = crane.layout.drive("l")
-    return abs(float(holding_effort(crane, crane.start.q)[hoist])) / crane.gravity
+    return abs(float(holding_effort(crane, crane.start.q)[winch_of(crane)])) / crane.gravity
+
+
+def winch_of(crane: Crane) -> int:
+    """Return the index of the hoist among the drives.
+
+    Raises:
+        ModelError: If no drive sets the length of the rope, or several do.
+    """
+    if crane.winch is None:
+        raise ModelError(
+            "A planned lift needs one drive that sets the length of the rope: a driven prismatic "
+            "joint below the swing joints."
+        )
+    return crane.winch
 
 
 def _of_crane(crane: Crane) -> Iterator[Assumption]:
@@ -82,9 +96,23 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
     yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
 
 
-def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
+def rates_text(crane: Crane, rates: Sequence[float]) -> str:
+    """Return rates of the drives to read, those of rotations in degrees per second."""
+    texts = []
+    for joint, rate in zip(crane.layout.driven, rates, strict=True):
+        turns = joint.kind == "revolute"
+        texts.append(f"{math.degrees(rate):.2g} °/s" if turns else f"{rate:.2f}")
+    return f"{_in_words(texts)} m/s"  # the hoist, which is the last one, winds up metres
+
+
+def _in_words(names: Sequence[str]) -> str:
+    """Return names as a list in a sentence."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+def _of_motion(site: Site, crane: Crane, limits: Limits) -> Iterator[Assumption]:
     """Yield the rates of the drives, the swing and the distance to keep."""
-    slew, trolley, hoist = limits.rates
+    drives = [joint.role or joint.symbol for joint in crane.layout.driven]
     if site.limits is None:
         origin = Origin.DEFAULT
     elif np.allclose(limits.rates, site.limits.rates, rtol=1e-9):
@@ -92,8 +120,8 @@ def _of_motion(site: Site, limits: Limits) -> Iterator[Assumption]:
     else:
         origin = Origin.COMPUTED  # a plan uses less where the crane's own rates leave no reserve
     yield Assumption(
-        "largest rates of slew, trolley and hoist",
-        f"{math.degrees(slew):.2g} °/s, {trolley:.2f} and {hoist:.2f} m/s",
+        f"largest rates of {_in_words(drives)}",
+        rates_text(crane, limits.rates),
         origin,
         "[drives] rates",
     )

@@ -24,7 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.site import DRIVES, MAX_SWING, MIN_SWING, Site
+from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
 Conversions = Mapping[str, float]
 """Factor that makes a value right which was entered in another unit, by a phrase for that unit."""
@@ -129,10 +129,10 @@ ARM_LENGTH = Quantity("A length of an arm", "m", (0.0, 500.0), (0.02, 150.0), MI
 
 # A tower crane turns at 0.6 to 1 rpm, 3.6 to 6 °/s, small mobile cranes at 2 rpm, a bench crane of
 # 1 m at 57 °/s. Trolleys go up to 2 m/s and those of container cranes 4 m/s; hoists 3.3 m/s.
-SLEW_RATE = Quantity("The rate of the slew", "°/s", (0.0, 360.0), (0.3, 60.0), RADIANS)
+TURN_RATE = Quantity("The rate of a drive", "°/s", (0.0, 360.0), (0.3, 60.0), RADIANS)
 RATE = Quantity("The rate of a drive", "m/s", (0.0, 10.0), (0.002, 4.8), METRES_PER_MINUTE)
-SLEW_ACCELERATION = Quantity(
-    "The acceleration of the slew", "°/s²", (0.0, 360.0), (0.05, 120.0), RADIANS
+TURN_ACCELERATION = Quantity(
+    "The acceleration of a drive", "°/s²", (0.0, 360.0), (0.05, 120.0), RADIANS
 )
 ACCELERATION = Quantity(
     "The acceleration of a drive", "m/s²", (0.0, 9.80665), (0.005, 3.0), METRES_PER_MINUTE
@@ -286,31 +286,44 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
     """Yield what is unusual of the drives: rates, accelerations, speed of the tip, and efforts."""
     if site.limits is None:
         return
-    yield from _of_motion_limits(site.limits.rates, SLEW_RATE, RATE, "rates")
+    rates = site.limits.rates
+    accelerations = site.limits.accelerations
+    yield from _of_motion_limits(site.drives, rates, TURN_RATE, RATE, "rates")
     yield from _of_motion_limits(
-        site.limits.accelerations, SLEW_ACCELERATION, ACCELERATION, "accelerations"
+        site.drives, accelerations, TURN_ACCELERATION, ACCELERATION, "accelerations"
     )
-    if reach is not None:
-        yield from judge_value(TIP_SPEED, site.limits.rates[0] * reach[1], "drives", "rates")
-    for drive in DRIVES:
-        effort = site.crane.get(f"{drive}_effort")
+    for drive, rate in zip(site.drives, rates, strict=False):
+        if drive.name == "slew" and reach is not None:
+            yield from judge_value(TIP_SPEED, rate * reach[1], "drives", "rates")
+    for drive in site.drives:
+        effort = site.crane.get(f"{drive.name}_effort")
         if effort is not None:
-            name = f"The effort of the {drive}"
+            name = f"The effort of the {drive.name}"
             yield from judge_value(EFFORT, float(effort), "drives", "efforts", name)
 
 
 def _of_motion_limits(
-    values: Sequence[float], of_slew: Quantity, of_others: Quantity, field: str
+    drives: Sequence[SiteDrive],
+    values: Sequence[float],
+    of_turning: Quantity,
+    of_sliding: Quantity,
+    field: str,
 ) -> Iterator[Finding]:
-    """Yield what is unusual of the rates or accelerations of slew, trolley and hoist in a field of
-    [drives].
+    """Yield what is unusual of the rates or accelerations of drives in a field of [drives].
+
+    Args:
+        drives: The drives.
+        values: Their rates or accelerations.
+        of_turning: The quantity of a drive that turns, in degrees.
+        of_sliding: The quantity of a drive that slides.
+        field: The field.
     """
-    slew, *others = values
-    yield from judge_value(of_slew, math.degrees(slew), "drives", field)
     # Not strict: a wrong number of limits is refused where the limits meet their crane.
-    for drive, value in zip(("trolley", "hoist"), others, strict=False):
-        name = of_others.name.replace("a drive", f"the {drive}")
-        yield from judge_value(of_others, value, "drives", field, name)
+    for drive, value in zip(drives, values, strict=False):
+        quantity = of_turning if drive.turns else of_sliding
+        name = quantity.name.replace("a drive", f"the {drive.name}")
+        shown = math.degrees(value) if drive.turns else value
+        yield from judge_value(quantity, shown, "drives", field, name)
 
 
 def _of_structure(site: Site) -> Iterator[Finding]:

@@ -44,7 +44,7 @@ def second_look(
 
     Args:
         site: The site.
-        crane: A tower crane.
+        crane: A crane whose load hangs on two swing joints at one point.
         q: Coordinates, shape (rows, n).
         beyond: Distance from which on a point is not measured [m]; the distance returned is this,
             with no names, where no point is nearer.
@@ -121,11 +121,11 @@ def _swung(crane: Crane, q: np.ndarray, swing: float) -> np.ndarray:
     """
     if swing == 0.0:
         return q
-    _, _, radial, tangential, _ = crane.layout.tower("A measurement of distances")
+    first, second = crane.swings
     around = np.linspace(0.0, 2.0 * math.pi, SWING_DIRECTIONS, endpoint=False)
     swung = np.repeat(q, SWING_DIRECTIONS, axis=0)
-    swung[:, radial] += np.tile(swing * np.cos(around), len(q))
-    swung[:, tangential] += np.tile(swing * np.sin(around), len(q))
+    swung[:, first] += np.tile(swing * np.cos(around), len(q))
+    swung[:, second] += np.tile(swing * np.sin(around), len(q))
     return swung
 
 
@@ -136,9 +136,8 @@ def _hanging_points(site: Site, crane: Crane, q: np.ndarray) -> tuple[np.ndarray
     A site without a load lifts the one in the crane's URDF. All shapes of its link are then taken
     for the load, the hook among them; the hook above a load of the site is not measured.
     """
-    _, _, radial, _, hoist = crane.layout.tower("A measurement")
-    pivot_joint = radial + 1  # Pinocchio counts joints from 1; 0 is the world
-    load_joint = hoist + 1
+    pivot_joint = int(crane.swings[0]) + 1  # Pinocchio counts joints from 1; 0 is the world
+    load_joint = crane.payload.body + 1
     if site.load is not None:
         load = site.load @ hook_turn(crane)  # along the axes of the joint
     else:

@@ -10,16 +10,38 @@ from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import ShortRepr, number, within
 from cranedyn.errors import DataError, quoted
 from cranedyn.lifts.planning.solids import Solid, rotation_z
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import XACRO
+from cranedyn.model.load import load_crane
+from cranedyn.model.machines import read_machine
 from cranedyn.references.limits import Limits
 
-DRIVES = ("slew", "trolley", "hoist")
-"""Roles of the drives of a crane that lifts on a site, in the order of numbers in its file."""
+
+class SiteDrive(NamedTuple):
+    """A drive of a crane that lifts on a site.
+
+    Attributes:
+        name: Its name: the role of its joint, such as "slew", or else the symbol of that.
+        turns: Whether it turns what it moves; its numbers in a file are then in degrees.
+    """
+
+    name: str
+    turns: bool
+
+
+TOWER_DRIVES = (
+    SiteDrive("slew", turns=True),
+    SiteDrive("trolley", turns=False),
+    SiteDrive("hoist", turns=False),
+)
+"""Drives of a tower crane, in the order of numbers in the file of its site."""
 
 DISTANCE = 0.5
 """Required distance of a site that does not give one [m]."""
@@ -56,8 +78,20 @@ OWN_UPPER = "own upper structure"
 """Name of what slews with the jib and lies below the trolley, such as a slewing column and a cab,
 among the obstacles of load and hook."""
 
-RESERVED_NAMES = frozenset({GROUND, MAST, OWN_BASE, OWN_UPPER})
+OWN_STRUCTURE = "own structure"
+"""Name of what stands of a crane that is no tower crane, such as the columns and rails of a runway,
+among the obstacles of what hangs."""
+
+RESERVED_NAMES = frozenset({GROUND, MAST, OWN_BASE, OWN_UPPER, OWN_STRUCTURE})
 """Names that no obstacle may have: a proof would take one for the other."""
+
+HANGING = ("hook", "rope", "load")
+"""Bodies that hang and swing."""
+
+BELOW_UPPER = ("hook", "load")
+"""Bodies that keep from what slews below the trolley of a tower crane, such as the slewing column.
+The rope does not need to: it hangs from the trolley, which rolls beside these parts, above hook and
+load."""
 
 
 def crane_to_site(heading: float) -> np.ndarray:
@@ -67,6 +101,61 @@ def crane_to_site(heading: float) -> np.ndarray:
         heading: Direction of the jib at zero slew, from the site's X towards its Y [rad].
     """
     return rotation_z(heading - CRANE_HEADING)
+
+
+@dataclass(frozen=True)
+class SiteCrane:
+    """Which crane stands on a site, where it is not the tower crane of this project.
+
+    Attributes:
+        kind: Name of a crane of this project, see `KINDS`; None for another one.
+        file: Its description, a plain URDF, MJCF or SDF; None for another one.
+        machine: Name of a machine of the library, see `cranedyn.model.machines`; None for none.
+        driven: Names of its driven joints, for a description that does not say it.
+        locked: Names of joints that are held where they start, or their coordinates [rad or m] by
+            name.
+    """
+
+    kind: str | None = None
+    file: Path | None = None
+    machine: str | None = None
+    driven: tuple[str, ...] = ()
+    locked: Mapping[str, float | None] = field(default_factory=dict)
+
+    @property
+    def is_tower(self) -> bool:
+        """Whether it is the tower crane of this project, or a machine that is given as one."""
+        if self.driven or self.locked:
+            return False
+        if self.machine is not None:
+            return read_machine(self.machine).urdf is None
+        return self.kind == "tower"
+
+    def load(self, values: Mapping[str, object], gravity: float | None = None) -> Crane:
+        """Load the crane.
+
+        Args:
+            values: Values of its arguments that differ from its defaults, by name; a file has none.
+            gravity: Gravity [m/s²]; None for that of the file, or standard gravity.
+
+        Raises:
+            CraneError: As `cranedyn.model.load.load_crane`.
+        """
+        urdf: Path | None = self.file
+        if self.kind not in (None, "tower"):  # the tower crane is what is loaded without a file
+            urdf = XACRO.parent / f"{self.kind}_crane.urdf.xacro"
+        return load_crane(
+            urdf,
+            machine=self.machine,
+            gravity=gravity,
+            driven=self.driven or None,
+            locked=self.locked,
+            values=values,
+        )
+
+
+KINDS = ("tower", "luffing", "overhead")
+"""Names of the kinds of cranes that come with this project."""
 
 
 @dataclass(frozen=True)
@@ -93,6 +182,34 @@ class Base:
         number("mass of the base", self.mass, "kg", ">= 0")
         if self.permitted is not None:
             number("permitted force of a corner", self.permitted, "N", "> 0")
+
+
+@dataclass(frozen=True)
+class Runway:
+    """Two rails on which a crane travels, each of them under two wheels or groups of wheels.
+
+    Attributes:
+        rails: Where both rails are across the way of the crane, in its own frame, a quarter turn
+            to the left of its positive direction [m].
+        wheel_base: Distance between the wheels of a rail [m]; the origin of the joint that travels
+            is in the middle of them, at the height of the rails.
+        permitted: Largest force that a wheel may exert on its rail [N]; None if unknown.
+
+    Raises:
+        OutOfRange: If both rails are one, or the other numbers are not positive.
+    """
+
+    rails: tuple[float, float]
+    wheel_base: float
+    permitted: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        first, second = self.rails
+        number("distance of the rails", abs(second - first), "m", "> 0")
+        number("wheel base", self.wheel_base, "m", "> 0")
+        if self.permitted is not None:
+            number("permitted force of a wheel", self.permitted, "N", "> 0")
 
 
 @dataclass(frozen=True)
@@ -140,9 +257,12 @@ class Site(ShortRepr):
         distance: Required distance between all that moves and every obstacle [m].
         swing: Largest angle of the rope from plumb that is allowed [rad], more than 0: a load that
             moves swings.
+        description: Which crane it is; None for the tower crane of this project.
+        drives: Drives of the crane, in the order of `limits`.
         limits: Limits of the drives; None if unknown.
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
+        runway: Rails on which the crane travels; None if unknown, or it does not travel.
         rigging: Masses of "hook" and "slings" [kg], part of the mass of the crane's load. One that
             is left out is unknown, so that a judgement is not complete; it is 0 where the load's
             mass contains it.
@@ -170,9 +290,12 @@ class Site(ShortRepr):
     goal: np.ndarray | None = None
     distance: float = DISTANCE
     swing: float = SWING
+    description: SiteCrane | None = None
+    drives: tuple[SiteDrive, ...] = TOWER_DRIVES
     limits: Limits | None = None
     base: Base | None = None
     arms: tuple[Arm, ...] = ()
+    runway: Runway | None = None
     rigging: Mapping[str, float] = field(default_factory=dict)
     gust: float | None = None
     gust_swing: float | None = None

@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -17,16 +17,31 @@ from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.crane_bodies import neighbour
 from cranedyn.lifts.planning.plausibility import findings
-from cranedyn.lifts.planning.site import DISTANCE, DRIVES, SWING, Arm, Base, Site
+from cranedyn.lifts.planning.site import (
+    CRANE_HEADING,
+    DISTANCE,
+    KINDS,
+    SWING,
+    TOWER_DRIVES,
+    Arm,
+    Base,
+    Runway,
+    Site,
+    SiteCrane,
+    SiteDrive,
+)
 from cranedyn.lifts.planning.site_table import (
     MAX_COUNT,
     FieldLines,
     SiteTable,
     crane_values,
     field_lines,
+    names_of,
+    positions_of,
 )
 from cranedyn.lifts.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
 from cranedyn.model.description import arguments
+from cranedyn.model.machines import machine_names
 from cranedyn.references.limits import Limits
 
 SITES = Path(__file__).parent / "sites"
@@ -57,6 +72,11 @@ def read_site(path: str | Path) -> Site:
     ground = tables["ground"].number("height")
     solids = solids_of(top, lines, ground)
     crane = tables["crane"]
+    description = _description(crane)
+    is_tower = description is None or description.is_tower
+    drives = TOWER_DRIVES if description is None else _drives_of(description, crane)
+    if not is_tower:
+        _refuse_tower_tables(tables)
     lift = tables["lift"]
     wind = tables["wind"]
     rigging = tables["rigging"]
@@ -68,16 +88,19 @@ def read_site(path: str | Path) -> Site:
         solids=tuple(solids),
         ground=ground,
         foot=np.array(crane.numbers("position", 3, default=[0.0, 0.0, ground])),
-        heading=crane.angle("heading", -math.pi / 2.0),
-        crane=_crane_values_of(tables, masses),
+        heading=_heading(crane, is_tower=is_tower),
+        crane=_crane_values_of(tables, masses, drives),
         load=_load(tables["load"]),
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
         swing=lift.angle("swing", SWING, "0.01 to 28"),
-        limits=_limits(tables["drives"]),
+        description=description,
+        drives=drives,
+        limits=_limits(tables["drives"], drives),
         base=_base(tables["base"]),
         arms=_arms(tables["jib"], tables["counter_jib"]),
+        runway=_runway(tables["runway"], is_tower=is_tower),
         rigging=masses,
         gust=wind.optional_number("gust", "m/s", ">= 0"),
         gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
@@ -108,8 +131,87 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
     return tables
 
 
+def _description(crane: SiteTable) -> SiteCrane | None:
+    """Return which crane [crane] describes; None for the tower crane of this project."""
+    named = [field for field in ("kind", "file", "machine") if field in crane.values]
+    if len(named) > 1:
+        crane.fail(named[1], f"{named[0]} is given, too; leave one out.")
+    for field in ("driven", "locked"):
+        if field in crane.values and not named:
+            crane.fail(field, "it is for a crane that file, kind or machine names.")
+    if not named:
+        return None
+    (field,) = named
+    named_crane: dict[str, Any] = {}
+    if field == "file":
+        named_crane[field] = _description_file(crane)
+    else:
+        known = KINDS if field == "kind" else machine_names()
+        named_crane[field] = crane.text(field)
+        if named_crane[field] not in known:
+            crane.fail(field, UnknownName(field, named_crane[field], known))
+    driven = crane.take("driven", names_of, [])
+    locked = crane.take("locked", positions_of, {})
+    return SiteCrane(**named_crane, driven=tuple(driven), locked=locked)
+
+
+def _description_file(crane: SiteTable) -> Path:
+    """Return the file of a crane that a site names: a plain one, in the folder of the site."""
+    file = crane.file("file")
+    if file.suffix == ".xacro":
+        crane.fail(
+            "file",
+            "a xacro file may run any Python expression, so that a site does not load one; write "
+            "its plain URDF with xacro, and name that.",
+        )
+    return file
+
+
+def _drives_of(description: SiteCrane, crane: SiteTable) -> tuple[SiteDrive, ...]:
+    """Return the drives of a crane that [crane] describes.
+
+    Raises:
+        DataError: If it cannot be loaded.
+    """
+    field = next(name for name in ("kind", "file", "machine") if name in crane.values)
+    try:
+        layout = description.load({}).layout
+    except CraneError as error:
+        crane.fail(field, error)
+    return tuple(
+        SiteDrive(joint.role or joint.symbol, joint.kind == "revolute") for joint in layout.driven
+    )
+
+
+def _refuse_tower_tables(tables: Mapping[str, SiteTable]) -> None:
+    """Refuse jib and counter-jib of a crane that is not the tower crane of this project: the
+    description of such a crane has its masses and its shapes.
+    """
+    for name in ("jib", "counter_jib"):
+        for field in tables[name].values:
+            tables[name].fail(
+                field, "it is for a tower crane; the description of this crane has its masses."
+            )
+
+
+def _heading(crane: SiteTable, *, is_tower: bool) -> float:
+    """Return the heading of a crane [rad], see `Site`. Of a tower crane a file gives it itself, and
+    of another one the angle by which its axes are turned against those of the site.
+    """
+    if is_tower:
+        if "yaw" in crane.values:
+            crane.fail("yaw", "it is for another crane; of a tower crane give heading.")
+        return crane.angle("heading", CRANE_HEADING)
+    if "heading" in crane.values:
+        crane.fail(
+            "heading",
+            "it is for a tower crane; of another one give yaw, by which its axes are turned.",
+        )
+    return CRANE_HEADING + crane.angle("yaw")
+
+
 def _crane_values_of(
-    tables: Mapping[str, SiteTable], rigging: Mapping[str, float]
+    tables: Mapping[str, SiteTable], rigging: Mapping[str, float], drives: Sequence[SiteDrive]
 ) -> dict[str, float]:
     """Return the values of the crane that [crane] and other tables enter, by name.
 
@@ -117,7 +219,7 @@ def _crane_values_of(
         DataError: If one of them is entered twice.
     """
     values = dict(tables["crane"].take("values", crane_values, {}))
-    for entered in _arguments(tables["load"], tables["drives"], tables["counter_jib"], rigging):
+    for entered in _arguments(tables, rigging, drives):
         if entered.argument in values:
             entered.table.fail(
                 entered.field,
@@ -140,11 +242,14 @@ def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
     Raises:
         DataError: If a value cannot be meant.
     """
-    defaults = arguments()
-    smallest_radius = float(site.crane.get("trolley_min", defaults["trolley_min"].default))
-    largest_radius = float(site.crane.get("trolley_max", defaults["trolley_max"].default))
+    reach = None  # of another crane the plan knows it
+    if site.description is None or site.description.is_tower:
+        defaults = arguments()
+        smallest_radius = float(site.crane.get("trolley_min", defaults["trolley_min"].default))
+        largest_radius = float(site.crane.get("trolley_max", defaults["trolley_max"].default))
+        reach = (smallest_radius, largest_radius)
     unusual = []
-    for finding in findings(site, (smallest_radius, largest_radius)):
+    for finding in findings(site, reach):
         if finding.refused and finding.table:
             tables[finding.table].fail(finding.field, finding.sentence)
         if finding.refused:
@@ -235,13 +340,17 @@ def read_fields(
 
 _FIELDS = {
     "ground": ["height"],
-    "crane": ["position", "heading", "values", "chart"],
+    "crane": [
+        *("kind", "file", "machine", "driven", "locked"),
+        *("position", "heading", "yaw", "values", "chart"),
+    ],
     "load": ["size", "file", "mass"],
     "lift": ["from", "to", "distance", "swing", "risk"],
     "wind": ["gust", "swing"],
     "uncertainty": ["mass", "cable", "wind", "gust", "delay"],
     "drives": ["rates", "accelerations", "efforts"],
     "base": ["spacing", "mass", "permitted"],
+    "runway": ["rails", "wheel_base", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
     "rigging": ["hook", "slings", "falls"],
@@ -301,16 +410,18 @@ class _Argument(NamedTuple):
 
 
 def _arguments(
-    load: SiteTable, drives: SiteTable, counter_jib: SiteTable, rigging: Mapping[str, float]
+    tables: Mapping[str, SiteTable], rigging: Mapping[str, float], drives: Sequence[SiteDrive]
 ) -> Iterator[_Argument]:
     """Yield the arguments of the crane that other tables enter.
 
     Args:
-        load: [load].
-        drives: [drives].
-        counter_jib: [counter_jib].
+        tables: The tables of the site, by name.
         rigging: Masses of hook and slings [kg], by name; the crane's load includes them.
+        drives: Drives of the crane.
     """
+    load = tables["load"]
+    counter_jib = tables["counter_jib"]
+    of_drives = tables["drives"]
     if "mass" in load.values:
         mass = load.number("mass", unit="kg", allowed="> 0") + sum(rigging.values())
         yield _Argument(load, "mass", "payload_mass", mass)
@@ -319,28 +430,40 @@ def _arguments(
     if "length" in counter_jib.values:
         length = counter_jib.number("length", allowed="> 0")
         yield _Argument(counter_jib, "length", "counter_jib", length)
-    if "efforts" in drives.values:
-        efforts = drives.numbers("efforts", 3, "> 0", units=("N m", "N", "N"))
-        for drive, effort in zip(DRIVES, efforts, strict=True):
-            yield _Argument(drives, "efforts", f"{drive}_effort", effort)
+    if "efforts" in of_drives.values:
+        units = ["N m" if drive.turns else "N" for drive in drives]
+        efforts = of_drives.numbers("efforts", len(drives), "> 0", units=units)
+        for drive, effort in zip(drives, efforts, strict=True):
+            yield _Argument(of_drives, "efforts", f"{drive.name}_effort", effort)
 
 
-def _limits(drives: SiteTable) -> Limits | None:
+def _limits(table: SiteTable, drives: Sequence[SiteDrive]) -> Limits | None:
     """Return the limits of the drives; None if nothing of the drives is entered."""
-    if not drives.values:
+    if not table.values:
         return None
     return Limits(
-        _motion_limits(drives, "rates", ("degrees/s", "m/s", "m/s")),
-        _motion_limits(drives, "accelerations", ("degrees/s²", "m/s²", "m/s²")),
+        _motion_limits(table, drives, "rates", "/s"),
+        _motion_limits(table, drives, "accelerations", "/s²"),
     )
 
 
-def _motion_limits(drives: SiteTable, name: str, units: Sequence[str]) -> list[float]:
-    """Return rates or accelerations of slew, trolley and hoist; the file gives those of the slew in
-    degrees.
+def _motion_limits(
+    table: SiteTable, drives: Sequence[SiteDrive], name: str, per_time: str
+) -> list[float]:
+    """Return rates or accelerations of all drives; the file gives those of turning ones in degrees.
+
+    Args:
+        table: [drives].
+        drives: The drives.
+        name: "rates" or "accelerations".
+        per_time: What follows the unit of a position in theirs.
     """
-    slew, trolley, hoist = drives.numbers(name, 3, "> 0", units=units)
-    return [math.radians(slew), trolley, hoist]
+    units = [f"degrees{per_time}" if drive.turns else f"m{per_time}" for drive in drives]
+    entered = table.numbers(name, len(drives), "> 0", units=units)
+    return [
+        math.radians(value) if drive.turns else value
+        for drive, value in zip(drives, entered, strict=True)
+    ]
 
 
 def _base(base: SiteTable) -> Base | None:
@@ -353,6 +476,21 @@ def _base(base: SiteTable) -> Base | None:
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
     return Base(spacing, mass, permitted)
+
+
+def _runway(runway: SiteTable, *, is_tower: bool) -> Runway | None:
+    """Return the rails of a crane that travels; None if they are not entered."""
+    if not runway.values:
+        return None
+    if is_tower:
+        runway.fail("rails", "it is for a crane that travels on rails; a tower crane has a base.")
+    permitted = None
+    if "permitted" in runway.values:
+        permitted = 1e3 * runway.number("permitted", unit="kN", allowed="> 0")
+    first, second = runway.numbers("rails", 2)
+    if first == second:
+        runway.fail("rails", "both rails are in the same place.")
+    return Runway((first, second), runway.number("wheel_base", allowed="> 0"), permitted)
 
 
 def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:

@@ -212,6 +212,24 @@ def crane_values(name: str, table: Any) -> dict[str, float]:
     return {argument: _number(argument, value, "") for argument, value in table.items()}
 
 
+def names_of(name: str, value: Any) -> list[str]:
+    """Return a list of printable names."""
+    if not isinstance(value, list):
+        raise OutOfRange(name, quoted(value), "a list of names")
+    return [_text(name, entry) for entry in value]
+
+
+def positions_of(name: str, value: Any) -> dict[str, float | None]:
+    """Return where joints are held [rad or m] by name, from a table of numbers, or a list of names
+    of joints that are held where they start, each None.
+    """
+    if isinstance(value, list):
+        return dict.fromkeys(names_of(name, value))
+    if not isinstance(value, dict):
+        raise OutOfRange(name, quoted(value), "a list of joints, or a table of their coordinates")
+    return {joint: _number(joint, position, "rad or m") for joint, position in value.items()}
+
+
 def _is_table(value: object) -> bool:
     """Return whether a value of a file is a table, or a list of tables."""
     if isinstance(value, list):

@@ -39,12 +39,14 @@ class Standing:
     Attributes:
         inside: Pairs of a part and an obstacle that it is inside of.
         below: What the foot stands on, the ground or an obstacle; empty if it stands on nothing.
-        pairs: Pairs of the mast with the obstacles that it was compared with.
+        pairs: Pairs of what stands with the obstacles that it was compared with.
+        standing: What stands, to begin a sentence with.
     """
 
     inside: tuple[BodyAndObstacle, ...]
     below: str
     pairs: Pairs
+    standing: str
 
 
 def standing_parts(clearance: Clearance) -> Standing:
@@ -52,7 +54,8 @@ def standing_parts(clearance: Clearance) -> Standing:
     what hangs keeps out of.
     """
     site = clearance.site
-    parts = {"mast": clearance.bodies.mast}
+    (name_of_standing,) = clearance.parts.standing
+    parts = {name_of_standing: clearance.standing}
     if site.base is not None:
         parts["base"] = [site.base_corners]
     shapes = []
@@ -72,16 +75,17 @@ def standing_parts(clearance: Clearance) -> Standing:
             continue
         geometries = solid.geometries()
         field = Field((solid.name, shape) for shape in geometries)
-        compared.add(BodyAndObstacle("mast", solid.name))
+        compared.add(BodyAndObstacle(name_of_standing, solid.name))
         if not below and field.least(below_foot) <= 0.0:
             below = solid.name
         for name, corners, shape in shapes:
             if solid.meets(corners, shape, geometries):
                 inside.append(BodyAndObstacle(name, solid.name))
     if level > UNEVEN:  # the ground is above the foot
-        inside.append(BodyAndObstacle("mast", GROUND))
+        inside.append(BodyAndObstacle(name_of_standing, GROUND))
     each_once = tuple(dict.fromkeys(inside))
-    return Standing(each_once, below, frozenset(compared))
+    standing = "Mast, foot and base" if name_of_standing == "mast" else "The standing parts"
+    return Standing(each_once, below, frozenset(compared), standing)
 
 
 def standing_check(result: Standing) -> Check:
@@ -94,7 +98,7 @@ def standing_check(result: Standing) -> Check:
         )
     if not result.inside:
         return Check(
-            f"Mast, foot and base of the crane stand in no obstacle, the foot on {result.below}.",
+            f"{result.standing} of the crane stand in no obstacle, the foot on {result.below}.",
             True,
         )
     listed = ", ".join(f"the {body} stands in {obstacle}" for body, obstacle in result.inside[:5])

@@ -15,7 +15,7 @@ given are fitted, round by round, until the averaged motion just keeps its limit
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -28,8 +28,6 @@ from cranedyn.command import uninterrupted_import
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.curve import Path, interpolate_columns
-from cranedyn.lifts.planning.site import DRIVES
-from cranedyn.references.flat import recover
 from cranedyn.references.limits import Limits, use
 from cranedyn.references.motion import Motion
 
@@ -124,8 +122,8 @@ class Bounds(NamedTuple):
     """Bounds of a law of time.
 
     Attributes:
-        rates: Rates of slew [rad/s], trolley and hoist [m/s], shape (3,).
-        accelerations: Their accelerations [rad/s² and m/s²], shape (3,).
+        rates: Rates of the drives [rad/s or m/s], shape (3,).
+        accelerations: Their accelerations [rad/s² or m/s²], shape (3,).
         load_acceleration: Horizontal acceleration of the load [m/s²]; infinite if it is not
             bounded.
     """
@@ -241,7 +239,7 @@ def _finished(task: _Task, best: TimedMotion, period: float) -> TimedMotion:
     """
     rates = np.array(task.limits.rates)
     accelerations = np.array(task.limits.accelerations)
-    drives_alone = _fastest(task.path, Bounds(rates, accelerations, math.inf))
+    drives_alone = _fastest(task.clearance, task.path, Bounds(rates, accelerations, math.inf))
     motion = motion_of_load(task.clearance, best.places, period)
     return replace(best, motion=motion, bound=drives_alone.duration)
 
@@ -255,7 +253,7 @@ def _best_of_averages(task: _Task, reduction: float) -> _Outcome:
     accelerations = np.array(task.limits.accelerations) / reduction
     rates = np.array(task.limits.rates)
     first_bounds = Bounds(rates, accelerations, load_acceleration / reduction)
-    first_law = _fastest(task.path, first_bounds)
+    first_law = _fastest(task.clearance, task.path, first_bounds)
 
     best: TimedMotion | None = None
     all_too_long = True
@@ -298,7 +296,7 @@ def _fit_bounds(
     law = first_law
     for round_ in range(_FITTING_ROUNDS):
         if round_ > 0:
-            law = _fastest(task.path, bounds)
+            law = _fastest(task.clearance, task.path, bounds)
         places = _averaged(law, averaging_time)
         duration = STEP * (len(places) - 1)
         longest = task.shorter_than
@@ -319,21 +317,23 @@ def _fit_bounds(
                 best = candidate
         elif duration >= longest:
             return _Outcome(best, too_long=True)
-        bounds = _fitted(bounds, shares, reduction)
+        bounds = _fitted(bounds, shares, reduction, task.clearance.drive_names)
     return _Outcome(best, too_long=False)
 
 
-def _fitted(bounds: Bounds, shares: dict[str, float], reduction: float) -> Bounds:
+def _fitted(
+    bounds: Bounds, shares: dict[str, float], reduction: float, drives: Sequence[str]
+) -> Bounds:
     """Return the bounds of the law of time for the next round: each bound is divided by the share
     of its limit that the averaged motion uses.
 
     Accelerations aim at their limits divided by the reduction; rates are only reduced, as their
-    first bounds are the limits themselves.
+    first bounds are the limits themselves. The shares are under the names of the drives.
     """
-    rate = _drive_shares(shares, "rate")
-    acceleration = _drive_shares(shares, "acceleration")
-    jerk = _drive_shares(shares, "jerk")
-    effort = _drive_shares(shares, "effort")
+    rate = _drive_shares(shares, "rate", drives)
+    acceleration = _drive_shares(shares, "acceleration", drives)
+    jerk = _drive_shares(shares, "jerk", drives)
+    effort = _drive_shares(shares, "effort", drives)
 
     # A smaller acceleration reduces jerk and effort, too. An effort depends on the accelerations of
     # all drives, so that the largest one counts for each.
@@ -347,11 +347,11 @@ def _fitted(bounds: Bounds, shares: dict[str, float], reduction: float) -> Bound
     )
 
 
-def _drive_shares(shares: dict[str, float], kind: str) -> np.ndarray:
-    """Return the shares of a kind of limit, such as "rate", of slew, trolley and hoist, shape
+def _drive_shares(shares: dict[str, float], kind: str, drives: Sequence[str]) -> np.ndarray:
+    """Return the shares of a kind of limit, such as "rate", of the drives of these names, shape
     (3,).
     """
-    return np.array([shares[f"{kind} of the {drive}"] for drive in DRIVES])
+    return np.array([shares[f"{kind} of the {drive}"] for drive in drives])
 
 
 def _fit_factor(share: np.ndarray, reduction: float) -> np.ndarray:
@@ -362,7 +362,7 @@ def _fit_factor(share: np.ndarray, reduction: float) -> np.ndarray:
     return np.clip(factor, _MIN_FIT_FACTOR, _MAX_FIT_FACTOR)
 
 
-def _fastest(path: Path, bounds: Bounds) -> _TimeLaw:
+def _fastest(clearance: Clearance, path: Path, bounds: Bounds) -> _TimeLaw:
     """Return the fastest law of time along a path within bounds, at times a `STEP` apart and at its
     end.
 
@@ -371,7 +371,7 @@ def _fastest(path: Path, bounds: Bounds) -> _TimeLaw:
             than `_MAX_DURATION`.
     """
     s = _grid(path).s
-    speeds = _fastest_speeds(path, bounds)
+    speeds = _fastest_speeds(clearance, path, bounds)
 
     # TOPP-RA assumes a constant acceleration s'' along the path between two grid points, so that
     # the mean speed there is the mean of the speeds at both.
@@ -389,7 +389,7 @@ def _fastest(path: Path, bounds: Bounds) -> _TimeLaw:
     return _TimeLaw(t, path.derivatives(np.clip(reached, 0.0, path.duration))[0])
 
 
-def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
+def _fastest_speeds(clearance: Clearance, path: Path, bounds: Bounds) -> np.ndarray:
     """Return the largest speeds along a path at its grid points by TOPP-RA, from rest to rest,
     shape (n,).
 
@@ -399,6 +399,16 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
     toppra, constraint, algorithm = _toppra()
     s = _grid(path).s
     at_s = _grid(path).derivatives
+
+    def accelerations(
+        drive_position: np.ndarray, first: np.ndarray, second: np.ndarray
+    ) -> np.ndarray:
+        """Return the accelerations of the three drives, and two horizontal ones of the load, shape
+        (n, 5). With derivatives by the parameter of the path these are coefficients of s'' and
+        s'².
+        """
+        of_load = clearance.load_accelerations(drive_position, first, second)
+        return np.column_stack([second, of_load])
 
     # The base classes of these two are known only once TOPP-RA has been imported. It calls their
     # methods and reads their attributes by the names that they have here.
@@ -430,8 +440,9 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
             # With the speed s' along the path, places q(s) have q'' = q_s s'' + q_ss s'². TOPP-RA
             # takes the coefficients of s'' and of s'² separately.
             drive_position, first, second = at_s
-            a = _accelerations(drive_position, np.zeros_like(first), first)
-            b = _accelerations(drive_position, first, second)
+            no_speed = np.zeros_like(first)
+            a = accelerations(drive_position, no_speed, first)
+            b = accelerations(drive_position, first, second)
             rows, upper = _polygon(bounds)
             return constraint.linear_constraint.canlinear_colloc_to_interpolate(
                 a, b, np.zeros_like(a), rows, upper, None, None, gridpoints, identical=True
@@ -450,32 +461,9 @@ def _fastest_speeds(path: Path, bounds: Bounds) -> np.ndarray:
     return speeds
 
 
-def _accelerations(drive_position: np.ndarray, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return accelerations of slew, trolley and hoist, and of the load outward and along its circle
-    round the slew axis, shape (n, 5).
-
-    With derivatives by time these are the accelerations themselves. `_fastest_speeds` calls it with
-    derivatives by the parameter of a path, to get the coefficients of s'' and of s'².
-
-    In polar coordinates about the slew axis the load at the radius x and the angle γ accelerates by
-    x'' - x γ'² outward and by x γ'' + 2 x' γ' along the circle.
-
-    Args:
-        drive_position: Places, shape (n, 3).
-        first: Their first derivatives, shape (n, 3).
-        second: Their second derivatives, shape (n, 3).
-    """
-    radius = drive_position[:, 1]
-    slew_rate = first[:, 0]
-    radial_rate = first[:, 1]
-    outward = second[:, 1] - radius * slew_rate**2
-    tangential = radius * second[:, 0] + 2.0 * radial_rate * slew_rate
-    return np.column_stack([second, outward, tangential])
-
-
 def _polygon(bounds: Bounds) -> tuple[np.ndarray, np.ndarray]:
-    """Return bounds as linear inequalities in the accelerations of `_accelerations`: their matrix,
-    shape (k, 5), and their right-hand sides, shape (k,).
+    """Return bounds as linear inequalities in the accelerations of the drives and of the load, see
+    `_fastest_speeds`: their matrix, shape (k, 5), and their right-hand sides, shape (k,).
     """
     rows = []
     upper = []
@@ -570,14 +558,12 @@ def motion_of_load(clearance: Clearance, drive_positions: np.ndarray, period: fl
         OutOfRange: If the rope would be slack.
     """
     crane = clearance.crane
-    # Rotational inertia per mass [m²]: of the load about its X axis, and of the links between the
-    # swing joints, which turn with the rope, in the mean of both swings. It is exact where both
-    # swings have the same inertia; what is left of the swing of a long load is for the controller.
-    inertia = (crane.payload_inertia[0, 0] + sum(crane.dummy_inertia) / 2.0) / crane.payload_mass
     padded = np.pad(drive_positions, ((_REST_SAMPLES, _REST_SAMPLES), (0, 0)), mode="edge")
     t = STEP * (np.arange(len(padded)) - _REST_SAMPLES)
 
-    oscillating = clearance.point(padded) - np.array([0.0, 0.0, inertia]) / padded[:, 2:]
+    # The centre of oscillation lies I/(m l) below the centre of the load.
+    cable = clearance.cable(clearance.q(padded))[:, None]
+    oscillating = clearance.point(padded) - np.array([0.0, 0.0, clearance.swing_inertia]) / cable
     path = scipy.interpolate.make_interp_spline(t, oscillating, k=_SPLINE_DEGREE)
     acceleration = path.derivative(2)(t)
 
@@ -591,11 +577,7 @@ def motion_of_load(clearance: Clearance, drive_positions: np.ndarray, period: fl
             "> 0, as smaller accelerations in [drives] make it",
         )
     unit_rope = rope / np.linalg.norm(rope, axis=1)[:, None]
-    q = recover(oscillating, unit_rope, clearance.height, inertia)
-
-    # `recover` knows the slew up to full turns.
-    slew = clearance.joints.slew
-    q[:, slew] += drive_positions[0, 0] - q[0, slew]
+    q = clearance.carry(oscillating, unit_rope, padded)
 
     curve = scipy.interpolate.make_interp_spline(t, q, k=_SPLINE_DEGREE)
     duration = (len(drive_positions) - 1) * STEP
@@ -624,7 +606,7 @@ def limit_shares(clearance: Clearance, motion: Motion, limits: Limits) -> dict[s
     changes = np.abs(np.diff(motion.a[:, clearance.drive_joints], axis=0)).max(axis=0)
     jerk = changes / motion.period
     jerk_shares = (jerk * RAMP / np.array(limits.accelerations)).tolist()
-    for drive, share in zip(DRIVES, jerk_shares, strict=True):
+    for drive, share in zip(clearance.drive_names, jerk_shares, strict=True):
         shares[f"jerk of the {drive}"] = share
     shares["swing"] = float(clearance.tilt(motion.q).max()) / clearance.site.swing
     for name, share in shares.items():

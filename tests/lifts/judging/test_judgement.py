@@ -34,7 +34,7 @@ from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.loads import loads
 from cranedyn.lifts.judging.report_page import STATEMENT
 from cranedyn.lifts.judging.wind_limit import GUST_FACTOR, WindLimit, wind_limit
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.perturbed import (
     DRAG_COEFFICIENT,
     Perturbed,
@@ -340,7 +340,7 @@ def test_the_middle_of_a_load_that_hangs_beside_it_slews_with_the_load() -> None
     planned = lift()
     bodies = planned.clearance.bodies
     aside = replace(planned.clearance.site, load=bodies.load + np.array([1.0, 0.0, 0.0]))
-    made = replace(planned, clearance=Clearance(planned.crane, aside))
+    made = replace(planned, clearance=clearance_of(planned.crane, aside))
     swept = _swept_boxes(made)
     middles = swept["centres"] - _swept_boxes(planned)["centres"]
     # At zero slew X is across the jib.
@@ -644,7 +644,7 @@ def test_the_counter_jib_of_a_plain_urdf_is_compared_with_the_one_entered(
     (tmp_path / "mine.urdf").write_text(load_crane().urdf)  # drawn to 9.425 m
     crane = load_crane(tmp_path / "mine.urdf")
     site = replace(read_site("open_yard"), crane={"counter_jib": entered})
-    lift = SimpleNamespace(clearance=Clearance(crane, site))
+    lift = SimpleNamespace(clearance=clearance_of(crane, site))
     analysis: Any = SimpleNamespace(crane=crane, site=site, certificate=SimpleNamespace(lift=lift))
     check = counter_jib_entered(analysis)
     assert (check.verdict is Verdict.HOLDS) is verdict and "reaches 9.43 m" in check.sentence

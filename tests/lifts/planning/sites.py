@@ -10,9 +10,11 @@ import pinocchio as pin
 
 from cranedyn.lifts.planning.certificate import Certificate, certify
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.lift import Lift, plan_lift
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.solids import box
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
@@ -51,8 +53,8 @@ WALL = box("wall", (14.0, 0.0), (14.0, 1.0, 8.0), 0.0)
 
 
 @cache
-def clearance(*solids: Any, **changes: Any) -> Clearance:
-    return Clearance(crane(), site(*solids, **changes))
+def clearance(*solids: Any, **changes: Any) -> TowerClearance:
+    return TowerClearance(crane(), site(*solids, **changes))
 
 
 def load_corners(asked: Clearance, q: np.ndarray) -> np.ndarray:
@@ -74,4 +76,4 @@ def certificate() -> Certificate:
 
 def with_wall(by: float) -> Clearance:
     """The site of the lift with its wall higher by so much [m]."""
-    return Clearance(crane(), site(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0)))
+    return clearance_of(crane(), site(box("wall", (14.0, 0.0), (14.0, 1.0, 8.0 + by), 0.0)))

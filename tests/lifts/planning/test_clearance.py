@@ -16,11 +16,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.errors import ModelError
-from cranedyn.lifts.planning.clearance import GROUND, MAST, ROUNDING, Clearance
+from cranedyn.lifts.planning.clearance import ROUNDING, Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.crane_bodies import neighbour, shape_corners
 from cranedyn.lifts.planning.fields import Body, Field
 from cranedyn.lifts.planning.remeasure import second_look
+from cranedyn.lifts.planning.site import GROUND, MAST
 from cranedyn.lifts.planning.solids import body, box, hull, prism
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from tests.helpers import pickled
@@ -31,7 +34,7 @@ SMALL = st.tuples(*[st.floats(-0.3, 0.3)] * 3).map(np.array)
 
 
 def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> None:
-    asked = Clearance(crane(), site(WALL, load=corners(2.0, 2.0, 2.0)))
+    asked = clearance_of(crane(), site(WALL, load=corners(2.0, 2.0, 2.0)))
     place = asked.place(np.array([10.0, -6.0, 3.5]))
     q = asked.q(place)
     # Half the width of a turned cube along Y.
@@ -45,7 +48,7 @@ def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> Non
 
 
 def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> None:
-    asked = Clearance(crane(), site(foot=np.array([5.0, -3.0, 2.0]), heading=0.7))
+    asked = clearance_of(crane(), site(foot=np.array([5.0, -3.0, 2.0]), heading=0.7))
     point = np.array([12.0, 6.0, 9.0])
     place = asked.place(point)
     centre = load_corners(asked, asked.q(place)).mean(axis=0)
@@ -286,7 +289,7 @@ def test_a_crane_whose_load_hangs_elsewhere_than_planned_is_refused(
 ) -> None:
     other = crane_with(tmp_path, before, after)
     with pytest.raises(ModelError, match=f"A planned lift needs .*{joint}"):
-        Clearance(other, site(WALL))
+        TowerClearance(other, site(WALL))
 
 
 def test_a_load_lies_across_the_jib_however_the_frame_of_its_hook_is_turned(
@@ -298,7 +301,7 @@ def test_a_load_lies_across_the_jib_however_the_frame_of_its_hook_is_turned(
     point = np.array([10.0, 0.0, 8.0])
     corner = math.hypot(0.75, 0.25)  # the nearest corner of the beam from the post, for a sample
     for one in (crane(), turned):
-        asked = Clearance(one, beside)
+        asked = clearance_of(one, beside)
         q = asked.q(asked.place(point))
         assert asked.distances(q, jib=False)["post"].distance == pytest.approx(-0.75, abs=1e-6)
         second = second_look(asked.site, one, q[None, :], 1.0)
@@ -311,8 +314,8 @@ def test_all_that_a_urdf_draws_at_the_hook_keeps_from_obstacles(tmp_path: Path) 
     drawn = '<visual><origin xyz="4 0 0"/><geometry><box size="1 1 1"/></geometry></visual>'
     link = '<link name="hook_link">'
     two = crane_with(tmp_path, link, link + drawn)
-    asked = Clearance(two, site(load=None))
-    one = Clearance(crane(), site(load=None))
+    asked = clearance_of(two, site(load=None))
+    one = clearance_of(crane(), site(load=None))
     assert asked.bodies.load[:, 0].max() == pytest.approx(4.5)
     assert_allclose(asked.bodies.hook.size, one.bodies.hook.size)
     for points in _drawn(5):

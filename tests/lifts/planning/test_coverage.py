@@ -20,9 +20,8 @@ from hypothesis import strategies as st
 from cranedyn.errors import DataError
 from cranedyn.lifts.planning.certificate import Certificate, certify
 from cranedyn.lifts.planning.clearance import Clearance, Nearest, ObstaclePart
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.coverage import (
-    BODIES,
-    HANGING,
     BodyAndObstacle,
     coverage_check,
     hanging_pairs,
@@ -33,7 +32,7 @@ from cranedyn.lifts.planning.crane_bodies import neighbour
 from cranedyn.lifts.planning.lift import NoWay, plan_lift
 from cranedyn.lifts.planning.motion_proof import Line, slew_range, unproven_parameter, unproven_row
 from cranedyn.lifts.planning.remeasure import point_distances, second_look
-from cranedyn.lifts.planning.site import GROUND, MAST, Base
+from cranedyn.lifts.planning.site import GROUND, HANGING, MAST, Base
 from cranedyn.lifts.planning.solids import Solid, body, box, prism
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.support import (
@@ -43,6 +42,7 @@ from cranedyn.lifts.planning.support import (
     meshes_at,
     support_of,
 )
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.load import load_crane
 from cranedyn.verdict import Verdict
 from tests.lifts.planning.sites import (
@@ -145,7 +145,9 @@ def test_a_zone_is_for_what_hangs_and_not_for_the_mast() -> None:
     square = np.array([[-3.0, -3.0], [3.0, -3.0], [3.0, 3.0], [-3.0, 3.0]])
     where = clearance(prism(NAME, square, 0.0, 10.0, zone=True))
     assert standing_parts(where).inside == ()
-    assert {pair.body for pair in required_pairs(where.site) if pair.obstacle == NAME} == {*HANGING}
+    assert {
+        pair.body for pair in required_pairs(where.site, where.parts) if pair.obstacle == NAME
+    } == {*HANGING}
 
 
 @pytest.mark.parametrize("name", ["ground", "own mast", "own base", "own upper structure"])
@@ -172,19 +174,19 @@ def test_no_obstacle_has_a_name_of_our_own(name: str) -> None:
 def test_a_foot_stands_on_the_ground_or_an_obstacle(
     foot: float, solids: tuple[Solid, ...], words: str
 ) -> None:
-    here = Clearance(crane(), site(*solids, foot=np.array([0.0, 0.0, foot])))
+    here = clearance_of(crane(), site(*solids, foot=np.array([0.0, 0.0, foot])))
     assert words in standing_check(standing_parts(here)).sentence
 
 
 @pytest.mark.slow
 def test_a_load_keeps_from_the_crane_s_own_base_and_upper_structure() -> None:
     """On a cable of 27.3 m the load, a cubic metre, is at the height of the base."""
-    broad = Clearance(crane(), site(base=Base(12.0, 6e4)))
+    broad = clearance_of(crane(), site(base=Base(12.0, 6e4)))
     at_base = broad.distances(broad.q(np.array([0.0, 5.7, 27.3])))
     assert at_base["own base"].distance <= 0.0 and at_base["own base"].body == "load"
     # The slewing column is between a mast of 35 m and a pivot at 40 m; the load is 6 m long.
     tall = load_crane(mast_height=35.0, pivot_height=40.0, total_height=45.0)
-    long = Clearance(tall, site(load=corners(0.6, 6.0, 0.6)))
+    long = clearance_of(tall, site(load=corners(0.6, 6.0, 0.6)))
     beside = long.distances(long.q(np.array([0.3, 2.2, 3.5])))
     assert beside["own upper structure"].distance <= 0.0
     assert long.margin(long.q(np.array([0.3, 2.2, 3.5]))) < 0.0
@@ -205,7 +207,7 @@ def test_no_margin_is_more_than_that_of_the_upper_structure_however_far_below_it
     would be passed through. The mast, which is nearer to a load that hangs low, is taken away.
     """
     tall = load_crane(mast_height=35.0, pivot_height=40.0, total_height=45.0)
-    where = Clearance(tall, site(load=corners(0.6, 2.0, 0.6)))
+    where = clearance_of(tall, site(load=corners(0.6, 2.0, 0.6)))
     where.__dict__["bodies"] = replace(where.bodies, mast=[])
     q = where.q(np.array([0.3, 2.2, cable]))
     q[where.joints.radial_swing] = swing
@@ -227,7 +229,7 @@ def test_the_base_that_is_entered_is_a_body_too() -> None:
     ):
         block = box(NAME, centre, (1.2, 1.2, 0.5), 0.0)
         here = site(block, base=Base(6.0, 6e4), heading=math.radians(heading))
-        inside = standing_parts(Clearance(crane(), here)).inside
+        inside = standing_parts(clearance_of(crane(), here)).inside
         assert (BodyAndObstacle("base", NAME) in inside) is is_in, (heading, centre)
 
 
@@ -243,7 +245,7 @@ def test_a_load_does_not_start_in_a_solid(kind: str) -> None:
 def test_a_wall_that_grows_into_the_way_turns_the_certificate_red(kind: str) -> None:
     """The way leads over a wall of 8 m; this one is 9.5 m high."""
     wall = made(kind, (14.0, 0.0, 4.75), (14.0, 1.0, 9.5))
-    certified = certify(lift(), Clearance(crane(), site(wall)))
+    certified = certify(lift(), clearance_of(crane(), site(wall)))
     assert not certified.holds and certified.nearest.obstacle == NAME
     assert red(certified) and all(NAME in sentence for sentence in red(certified)[:1])
 
@@ -315,7 +317,7 @@ def test_a_load_that_stands_on_nothing_is_on_no_support() -> None:
 
 @pytest.mark.parametrize("foot", [0.0, 3.0])
 def test_the_ground_lies_below_a_foot_that_stands_higher(foot: float) -> None:
-    here = Clearance(crane(), site(foot=np.array([0.0, 0.0, foot])))
+    here = clearance_of(crane(), site(foot=np.array([0.0, 0.0, foot])))
     stands = standing_load(here, np.array([12.0, 0.0, 0.0]))
     support = support_of(here, stands)
     assert {part.obstacle for part in support.parts} == {GROUND}
@@ -329,27 +331,27 @@ def test_a_solid_just_below_the_trolley_is_too_low_for_it_by_the_distance_to_kee
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     bottom = clearance().trolley_bottom
-    monkeypatch.setattr(Clearance, "hanging_fields", lambda _: iter(()))
+    monkeypatch.setattr(TowerClearance, "compared_fields", lambda _: iter(()))
     for gap, is_too_low in ((0.4, False), (0.6, True)):
         post = box(NAME, (0.0, 15.0), (1.0, 1.0, bottom - gap), 0.0)
-        pairs = hanging_pairs(Clearance(crane(), site(post)))
+        pairs = hanging_pairs(clearance_of(crane(), site(post)))
         assert (BodyAndObstacle("trolley", NAME) in pairs) is is_too_low
 
 
 def test_the_pairs_of_all_bodies_and_obstacles_are_counted_by_hand() -> None:
     zone = prism("zone", np.array([[20, 0], [21, 0], [21, 1], [20, 1]]), 0.0, 5.0, zone=True)
     here = site(WALL, zone)
-    pairs = required_pairs(here)
+    where = clearance_of(crane(), here)
+    pairs = required_pairs(here, where.parts)
     # The wall, the zone, the own mast, the ground, and the own upper structure.
     assert len(pairs) == 6 + 3 + 3 + 1 + 2
     assert BodyAndObstacle("jib", "wall") in pairs and BodyAndObstacle("jib", "zone") not in pairs
-    assert {pair.body for pair in pairs} == {*BODIES}
-    where = Clearance(crane(), here)
+    assert {pair.body for pair in pairs} == {*where.parts.bodies}
     covered = hanging_pairs(where) | slewing_pairs(where) | standing_parts(where).pairs
     assert covered >= pairs
-    assert coverage_check(here, covered).verdict is Verdict.HOLDS
+    assert coverage_check(where, covered).verdict is Verdict.HOLDS
     for left_out in (("load", "wall"), ("mast", "wall"), ("hook", MAST), ("load", GROUND)):
-        check = coverage_check(here, covered - {BodyAndObstacle(*left_out)})
+        check = coverage_check(where, covered - {BodyAndObstacle(*left_out)})
         assert check.verdict is Verdict.NOT_JUDGED
         assert f"{left_out[0]} and {left_out[1]}" in check.sentence
 
@@ -357,7 +359,7 @@ def test_the_pairs_of_all_bodies_and_obstacles_are_counted_by_hand() -> None:
 def test_an_obstacle_counts_as_compared_only_with_all_of_its_parts() -> None:
     solid = parts_of_two(np.array([12.0, 0.0, 3.0]), np.array([4.0, 1.0, 6.0]))
     assert BodyAndObstacle("load", NAME) in hanging_pairs(clearance(solid))
-    where = Clearance(crane(), site(solid))
+    where = clearance_of(crane(), site(solid))
     where.__dict__["solids"] = [replace(solid, parts=solid.parts[:1])]
     assert BodyAndObstacle("load", NAME) not in hanging_pairs(where)
     assert BodyAndObstacle("jib", NAME) not in slewing_pairs(where)
@@ -388,7 +390,7 @@ def test_a_plan_for_a_load_of_half_its_size_is_contradicted(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """Plan and proof share their bodies: with a load of half its size in both, both agree."""
-    where = Clearance(crane(), site(WALL, load=0.5 * corners(1.0, 1.0, 1.0)))
+    where = clearance_of(crane(), site(WALL, load=0.5 * corners(1.0, 1.0, 1.0)))
     small = certify(plan_lift(where.site, LIMITS, crane=crane()))
     assert small.holds
     whole = replace(where, site=site(WALL))
@@ -412,7 +414,7 @@ def test_a_plan_without_its_envelope_of_swing_is_contradicted(
 def looked_at(*solids: Solid, swing: float = 0.0, **changes: Any) -> Nearest:
     """Return what a second look finds of a cable of 20 m at a radius of 15 m along +X."""
     here = site(*solids, **changes)
-    q = Clearance(crane(), here).q(np.array([math.pi / 2.0, 15.0, 20.0]))[None]
+    q = clearance_of(crane(), here).q(np.array([math.pi / 2.0, 15.0, 20.0]))[None]
     return second_look(here, crane(), q, 5.0, swing=swing)
 
 
@@ -452,7 +454,7 @@ def test_a_second_look_sees_rope_and_turned_load_and_no_zone() -> None:
 @pytest.mark.slow
 def test_a_certificate_is_red_where_the_crane_stands_in_a_box_or_the_load_ends_elsewhere() -> None:
     office = box("office", (0.0, 0.0), (4.0, 4.0, 3.0), 0.0)
-    stands = certify(lift(), Clearance(crane(), site(WALL, office)))
+    stands = certify(lift(), clearance_of(crane(), site(WALL, office)))
     assert "the mast stands in office" in str(red(stands))
     ends = lift().ends + np.array([[0.0, 0.0, 0.0], [0.0, 0.02, 0.0]])
     (sentence,) = red(certify(replace(lift(), ends=ends)))
@@ -502,7 +504,7 @@ def test_a_parked_crane_is_an_obstacle_of_all_its_parts() -> None:
     where = clearance(parked)
     assert len(parked.parts) > 2
     covered = hanging_pairs(where) | slewing_pairs(where) | standing_parts(where).pairs
-    assert coverage_check(where.site, covered).verdict is Verdict.HOLDS
+    assert coverage_check(where, covered).verdict is Verdict.HOLDS
 
 
 def test_a_jib_at_an_angle_that_is_none_turns_nowhere() -> None:

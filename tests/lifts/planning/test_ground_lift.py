@@ -27,6 +27,7 @@ pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not install
 
 from cranedyn.lifts.planning import ground_lift
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.coverage import Pairs, hanging_pairs
 from cranedyn.lifts.planning.ground_lift import GroundLift, certify_ground_lift, from_ground
 from cranedyn.lifts.planning.lift import Lift, NoWay, plan_lift
@@ -100,7 +101,7 @@ def test_a_post_that_no_measured_row_meets_is_found_between_the_rows_and_in_the_
     }[where]
     site = planned.clearance.site
     solids = tuple(solid for solid in site.solids if solid.name != "roof")
-    crowded = Clearance(planned.crane, replace(site, solids=(*solids, post)))
+    crowded = clearance_of(planned.crane, replace(site, solids=(*solids, post)))
     monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: run)
     monkeypatch.setattr(
         Clearance, "nearest_row", lambda _, q: int(np.argmin(q[:, 4]))
@@ -142,7 +143,7 @@ def test_a_load_is_set_down_on_no_mesh_that_is_not_convex(planned: Lift) -> None
     assert not obstacle.parts
     site = planned.clearance.site
     solids = (*site.solids, obstacle)
-    crowded = Clearance(planned.crane, replace(site, solids=solids))
+    crowded = clearance_of(planned.crane, replace(site, solids=solids))
     with pytest.raises(NoWay, match="At the goal the load would stand on or in channel, a mesh"):
         from_ground(replace(planned, clearance=crowded))
     from_ground(replace(planned, clearance=crowded), stands=(True, False))
@@ -153,7 +154,7 @@ def test_a_load_that_stands_is_a_box(planned: Lift) -> None:
     cone = np.array([[1.0, 0, 0.6], [0, 1.5, 0.6], [-1.0, 0, 0.6], [0, -1.5, 0.6], [0, 0, -0.6]])
     site = replace(planned.clearance.site, load=cone)
     with pytest.raises(NoWay, match="must be an upright box; this one fills 17 % of its box"):
-        from_ground(replace(planned, clearance=Clearance(planned.crane, site)))
+        from_ground(replace(planned, clearance=clearance_of(planned.crane, site)))
 
 
 def test_a_jib_that_leaves_the_angles_that_are_free_and_a_pair_left_out_are_told(
@@ -182,7 +183,7 @@ def test_a_rope_that_is_too_short_for_the_ground_has_no_certificate(
     run, _ = certified
     monkeypatch.setattr(ground_lift, "simulate", lambda *_, **__: run)
     short = load_crane(values={**lift.lift.clearance.site.crane, "hoist_max": 26.4})
-    planned = replace(lift.lift, clearance=Clearance(short, lift.lift.clearance.site))
+    planned = replace(lift.lift, clearance=clearance_of(short, lift.lift.clearance.site))
     (sentence,) = red(certify_ground_lift(replace(lift, lift=planned)))
     assert re.fullmatch(r"The cable is 28\.\d+ m long at most, of 26.40 m; .*", sentence)
 
@@ -259,7 +260,7 @@ def test_a_crane_of_a_strange_urdf_lifts_off_as_the_crane_of_this_project_does(
         tmp_path / "strange.urdf",
         joints={role: strange.get(role, part.joint) for role, part in ROLES.items()},
     )
-    clearance = Clearance(crane, planned.clearance.site)
+    clearance = clearance_of(crane, planned.clearance.site)
     own = lift.crane
     crane = from_ground(replace(planned, clearance=clearance)).crane
     rng = np.random.default_rng(0)
@@ -306,7 +307,7 @@ def test_falls_of_the_site_carry_the_load_together(planned: Lift) -> None:
     assert clearance.site.falls == 2
     assert stiffness(planned) == 2e7
     assert stiffness(planned, falls=4) == 4e7
-    nobody_knows = Clearance(planned.crane, replace(clearance.site, falls=None))
+    nobody_knows = clearance_of(planned.crane, replace(clearance.site, falls=None))
     assert stiffness(replace(planned, clearance=nobody_knows)) == 1e7
     with pytest.raises(OutOfRange, match="number of falls is 0"):
         from_ground(planned, falls=0)

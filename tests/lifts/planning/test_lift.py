@@ -21,7 +21,7 @@ from cranedyn.estimation.sensor_model import with_sensor_model
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.lifts.planning import curve, path_search, timing
 from cranedyn.lifts.planning.certificate import ARRIVAL_SWING, Certificate, certify, controller_of
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.crane_bodies import neighbour
 from cranedyn.lifts.planning.curve import LONGEST_LIFT, refuse_endless, straight_time
 from cranedyn.lifts.planning.lift import (
@@ -43,7 +43,6 @@ from cranedyn.lifts.planning.perturbed import (
     Spread,
     _chunks,
     _crane_with_load,
-    _hang_in_wind,
     _largest_silhouette,
     _least_distances,
     _simulate_chunk,
@@ -272,7 +271,7 @@ ROAD = prism(
 
 
 def test_the_least_distance_of_a_certificate_is_that_of_the_whole_run_beside_a_zone_too() -> None:
-    beside = Clearance(crane(), site(WALL, ROAD))
+    beside = clearance_of(crane(), site(WALL, ROAD))
     certified = certify(lift(), beside)
     rows = certified.run.q[::4]
     # The zone has the least room at the start; it asks for no distance, so the wall is nearest.
@@ -293,7 +292,7 @@ def test_a_start_too_near_to_a_zone_names_the_zone() -> None:
 
 def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certificate_red() -> None:
     tower = box("tower", (22.0, 0.0), (4.0, 4.0, 40.0), 0.0)
-    there = Clearance(crane(), site(WALL, tower))
+    there = clearance_of(crane(), site(WALL, tower))
     strong = controller_of(lift())
     gain = strong.tracking.gain
     setpoint = strong.tracking.setpoint
@@ -428,7 +427,7 @@ def test_a_goal_close_to_where_the_jib_is_stopped_is_told_so() -> None:
     for the swing of the load.
     """
     tower = box("tower", (25.0, 0.0), (12.0, 20.0, 40.0), 0.0)
-    free = slew_range(Clearance(crane(), site(tower)), 0.0, -math.pi, math.pi)
+    free = slew_range(clearance_of(crane(), site(tower)), 0.0, -math.pi, math.pi)
     angle = free.high - 0.06
     goal = np.array([10.0 * math.sin(angle), -10.0 * math.cos(angle), 4.0])
     with pytest.raises(NoWay, match=r"At the goal the slew is .*°; a lift needs it below .* tower"):
@@ -456,9 +455,10 @@ def test_a_goal_behind_the_neighbours_jib_names_it() -> None:
 
 @pytest.mark.parametrize("other", [{"hook_mass": 300.0}, {"rope_stiffness": 1e7}])
 def test_a_crane_of_other_joints_is_refused_in_a_sentence(other: dict[str, float]) -> None:
-    sentence = " is made for a tower crane of five joints; this one also moves in "
-    with pytest.raises(ModelError, match=f"A planned lift{sentence}"):
+    needed = "A planned lift needs one chain of joints from the ground.*on the crane without a rope"
+    with pytest.raises(ModelError, match=needed):
         plan_lift(site(WALL), LIMITS, crane=load_crane(**other))  # type: ignore[arg-type]
+    sentence = " is made for a tower crane of five joints; this one also moves in "
     with pytest.raises(ModelError, match=f"A parked neighbour{sentence}"):
         neighbour("n", np.zeros(3), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, other)
 
@@ -552,7 +552,7 @@ def test_lifts_that_run_at_once_share_a_load_and_none_is_lost() -> None:
 
 def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> None:
     plate = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
-    asked = Clearance(crane(), site(plate))
+    asked = clearance_of(crane(), site(plate))
     q = np.array([[asked.q(np.array([gamma, 13.4, 20.0])) for gamma in (1.3, 1.85)]])
     rooms = np.array([asked.margin(row) for row in q[0]])
     assert rooms.min() > 0.5
@@ -563,7 +563,7 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
 
 def test_a_load_that_swings_out_and_back_between_two_rows_kept_is_not_where_these_are() -> None:
     """Pushed for half of the time and back for the other half, it is a h²/8 off at the middle."""
-    asked = Clearance(crane(), site(WALL))
+    asked = clearance_of(crane(), site(WALL))
     q = asked.q(np.array([0.0, 13.4, 20.0]))[None, None].repeat(2, axis=1)
     batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
     margins = np.full(2, 1.0)
@@ -572,7 +572,7 @@ def test_a_load_that_swings_out_and_back_between_two_rows_kept_is_not_where_thes
 
 
 def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
-    asked = Clearance(crane(), site(WALL))
+    asked = clearance_of(crane(), site(WALL))
     q = np.array([asked.q(np.array([gamma, 13.4, 22.0])) for gamma in np.linspace(0.5, 1.6, 60)])
     half = asked.displacement(q[:-1], q[1:]) / 2.0
     steps = np.maximum(np.append(0.0, half), np.append(half, 0.0))
@@ -631,7 +631,8 @@ def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_sid
     start[1, 0] = -2.0
     force = np.array([[300.0, 0.0, 0.0], [120.0, 500.0, 0.0]])
     plumb = [payload_position(crane(), q) for q in start]
-    _hang_in_wind(start, force, crane(), lift().clearance.joints)
+    weight = crane().payload_mass * crane().gravity
+    start = lift().clearance.hang_along(start, force - np.array([0.0, 0.0, weight]))
     off = np.array([payload_position(crane(), q) for q in start]) - plumb
     lean = np.linalg.norm(force, axis=1) / (crane().payload_mass * crane().gravity)
     length = float(start[0, 4])

@@ -16,6 +16,7 @@ from cranedyn.lifts.planning import certificate, curve, motion_proof
 from cranedyn.lifts.planning import lift as planned
 from cranedyn.lifts.planning.certificate import certify
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.curve import Path, rounded_path
 from cranedyn.lifts.planning.lift import plan_lift
 from cranedyn.lifts.planning.motion_proof import (
@@ -71,7 +72,9 @@ def test_what_is_proven_is_free_wherever_one_looks(seed: int) -> None:
 
 
 def test_a_plate_between_two_samples_is_met_by_proof_and_missed_by_sampling() -> None:
-    asked = Clearance(crane(), site(PLATE, load=corners(0.3, 0.3, 0.3), distance=0.05, swing=1e-4))
+    asked = clearance_of(
+        crane(), site(PLATE, load=corners(0.3, 0.3, 0.3), distance=0.05, swing=1e-4)
+    )
     line = Line(*(asked.place(np.array([6.0, y, 8.0])) for y in (-12.0, 12.0)))
     assert sampled(asked, line, 0.0, 1.0) is None
     where = unproven_parameter(asked, line, 0.0, 1.0)
@@ -142,7 +145,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     The post stands before the corner that is farthest from where the load would be if it hung plumb
     in its place; until then no load in its place comes near to it.
     """
-    asked = Clearance(crane(), site(load=corners(20.0, 0.4, 1.0)))
+    asked = clearance_of(crane(), site(load=corners(20.0, 0.4, 1.0)))
     share = smoothstep(np.linspace(0.0, 1.0, round(14.2 / STEP)))
     places = np.column_stack([1.6 * share, np.full_like(share, 4.2), np.full_like(share, 25.0)])
     motion = motion_of_load(asked, places, STEP)
@@ -158,7 +161,7 @@ def test_a_motion_is_proven_with_the_load_turned_by_the_jib_not_by_its_own_azimu
     assert np.linalg.norm(apart) > asked.envelope(25.0)
     at = moved[row, which] + 0.45 * apart / np.linalg.norm(apart)
     solid = box("post", (float(at[0]), float(at[1])), (0.1, 0.1, 6.0), 0.0)
-    post = Clearance(crane(), replace(asked.site, solids=(solid,)))
+    post = clearance_of(crane(), replace(asked.site, solids=(solid,)))
     so_far = motion.q[: row + 1]
     assert min(post.swing_margin(place) for place in places[: row + 1]) > PROOF_MARGIN
     assert min(post.margin(q) for q in so_far) < 0.0
@@ -206,7 +209,7 @@ def test_the_jib_is_stopped_by_a_tower_at_the_angle_that_its_tip_has_there() -> 
     -10 m.
     """
     tower = box("tower", (25.0, 0.0), (12.0, 20.0, 40.0), 0.0)
-    asked = Clearance(crane(), site(tower))
+    asked = clearance_of(crane(), site(tower))
     found = slew_range(asked, 0.0, -math.pi / 2.0, 3.0)
     assert found.above == "tower"
     assert found.below == ""
@@ -251,5 +254,7 @@ def test_a_jib_that_stands_too_near_to_something_is_no_free_slewing(slew: float)
 
 def test_what_stops_the_jib_is_named_also_where_a_load_at_the_mast_would_be_nearer_to_it() -> None:
     beside_mast = box("house", (2.3, -2.0), (2.0, 1.0, 30.0), 0.0)
-    found = slew_range(Clearance(crane(), site(beside_mast, load=corners(6.0, 6.0, 1.0))), 0, -3, 3)
+    found = slew_range(
+        clearance_of(crane(), site(beside_mast, load=corners(6.0, 6.0, 1.0))), 0, -3, 3
+    )
     assert found.below == "house"

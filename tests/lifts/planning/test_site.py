@@ -18,7 +18,7 @@ import trimesh
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.lifts.planning import bim
 from cranedyn.lifts.planning.bim import read_ifc
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.crane_bodies import shape_corners
 from cranedyn.lifts.planning.lift import crane_of
 from cranedyn.lifts.planning.site import Arm, Base
@@ -144,7 +144,7 @@ def test_the_examples_are_read_by_name_and_their_lifts_begin_and_end_free(name: 
     here = read_site(name)
     assert here.start is not None
     assert here.goal is not None
-    asked = Clearance(crane_of(here), here)
+    asked = clearance_of(crane_of(here), here)
     assert min(asked.swing_margin(asked.place(point)) for point in (here.start, here.goal)) > 0.05
 
 
@@ -419,7 +419,7 @@ def test_a_small_load_passes_through_the_opening_of_a_deck_but_not_of_its_hull(
             distance=0.1,
             swing=1e-3,
         )
-        asked = Clearance(crane(), here)
+        asked = clearance_of(crane(), here)
         rooms.append(asked.margin(asked.q(asked.place(np.array([10.0, 0.0, 3.1])))))
     assert rooms[0] > 0.0 > rooms[1]
 

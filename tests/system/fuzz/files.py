@@ -38,7 +38,7 @@ from cranedyn.errors import CraneError
 from cranedyn.identification import read_twin, twin_of
 from cranedyn.lifts.judging.chart import CHARTS, read_chart
 from cranedyn.lifts.planning.bim import read_ifc
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.lift import crane_of
 from cranedyn.lifts.planning.site_file import SITES, read_site
 from cranedyn.lifts.planning.solids import read_mesh
@@ -396,7 +396,7 @@ def _sites() -> dict[str, bytes]:
 def _use_site(path: Path) -> None:
     site = read_site(path)
     crane = crane_of(site)
-    distances = Clearance(crane, site).distances(crane.start.q).values()
+    distances = clearance_of(crane, site).distances(crane.start.q).values()
     check_finite("a site", [one.distance for one in distances])
 
 

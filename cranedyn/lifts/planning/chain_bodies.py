@@ -1,0 +1,174 @@
+"""Bodies of a crane whose load hangs at the end of a chain of joints, from the shapes in its URDF.
+
+Of a link that has shapes for collisions these count, and otherwise those that are drawn. Shapes of
+the links between the swing joints are not compared with anything: a crane that has such counts as
+one that is not wholly drawn.
+"""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ET
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.errors import ModelError
+from cranedyn.lifts.planning.crane_bodies import (
+    BoundingBox,
+    DrawnShape,
+    HangingBodies,
+    box_around,
+    corners_of,
+    drawn_payload,
+    hook_turn,
+)
+from cranedyn.lifts.planning.site import HANGING
+from cranedyn.model.crane import Crane
+
+ROPE_RADIUS = 0.1
+"""Radius of a rope whose hook is not drawn [m]: that of a usual hook block of a few tonnes."""
+
+
+@dataclass(frozen=True, eq=False)
+class Link:
+    """A link that drives move.
+
+    Attributes:
+        name: Its name, without the ending "_link".
+        shapes: Its shapes, in the frame of the joint that carries it.
+    """
+
+    name: str
+    shapes: list[DrawnShape]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class ChainBodies(HangingBodies):
+    """Bodies of a crane, each in the frame of the joint that carries it.
+
+    Attributes:
+        standing: Corners of each shape that stands [m], shape (n, 3) each.
+        links: Links that drives move, by the index of the joint that carries them. A link that
+            shows nothing is none of them.
+        undrawn: Names of the links that show nothing, of which nothing is compared.
+        hook_drawn: Whether the URDF draws a hook above the load; if not, the hook is a box of
+            `ROPE_RADIUS`, and the rope is as wide.
+    """
+
+    standing: list[np.ndarray]
+    links: dict[int, Link]
+    undrawn: tuple[str, ...]
+    hook_drawn: bool
+
+
+def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
+    """Return the bodies of a crane from the boxes, cylinders and spheres in its URDF.
+
+    Args:
+        crane: The crane, of a chain of joints, see `cranedyn.lifts.planning.hoist_chain`.
+        load: Corners of another load about the end of the cable [m], shape (n, 3), along the axes
+            of the crane with its drives at zero; the hook then stands on top of it. None for the
+            load that is drawn.
+
+    Raises:
+        ModelError: If a link shows a mesh among the shapes that count, or neither the URDF shows a
+            load nor one is given.
+    """
+    shapes = _shapes_by_joint(crane)
+    hoist = int(crane.layout.drives[2])
+    turn = hook_turn(crane)
+    carried = shapes.get(hoist + 1, [])
+    if not carried and load is None:
+        raise ModelError(
+            "The URDF of the crane shows no shapes of its load; enter its size, such as [load] "
+            "size, or draw it with boxes, cylinders or spheres."
+        )
+    hook = _small_hook(load)
+    hook_drawn = False
+    corners = None if load is None else load @ turn  # rows are turned into the joint's frame
+    if carried:
+        drawn = drawn_payload(carried, needs_hook=False)
+        corners = drawn.load if corners is None else corners
+        if drawn.hook:
+            rise = 0.0 if load is None else float(load[:, 2].max()) - drawn.top
+            hook = box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, rise]))
+            hook_drawn = True
+        else:
+            hook = _small_hook(corners)
+    assert corners is not None
+    links = {}
+    undrawn = []
+    names = _link_names(crane)
+    for joint in crane.layout.drives[:2].tolist():
+        of_link = shapes.get(joint + 1, [])
+        if of_link:
+            links[joint] = Link(names[joint], of_link)
+        else:
+            undrawn.append(names[joint])
+    for joint in crane.swings.tolist():
+        if shapes.get(joint + 1):
+            undrawn.append(f"{names[joint]}, which swings,")
+    width = float(np.max(hook.size[:2]))
+    return ChainBodies(
+        hook=hook,
+        load=corners,
+        falls=width / 2.0,
+        hook_turn=turn,
+        standing=[corners_of(shape) for shape in shapes.get(0, [])],
+        links=links,
+        undrawn=tuple(undrawn),
+        hook_drawn=hook_drawn,
+    )
+
+
+def _small_hook(load: np.ndarray | None) -> BoundingBox:
+    """Return the box that stands for a hook that is not drawn, on top of a load."""
+    top = 0.0 if load is None else float(load[:, 2].max())
+    side = 2.0 * ROPE_RADIUS
+    return BoundingBox(np.array([0.0, 0.0, top + ROPE_RADIUS]), np.array([side, side, side]))
+
+
+def _link_names(crane: Crane) -> dict[int, str]:
+    """Return the name of the link that each joint carries, without the ending "_link", by the index
+    of the joint among the coordinates.
+    """
+    children = {}
+    for joint in ET.fromstring(crane.urdf).iterfind("joint"):
+        child = joint.find("child")
+        if child is not None:
+            children[joint.get("name", "")] = child.get("link", "")
+    names = {}
+    for i, described in enumerate(crane.layout.joints):
+        name = children.get(described.name, described.name).removesuffix("_link")
+        # A link that is called as what hangs would count as that.
+        names[i] = f"link {name}" if name in HANGING else name
+    return names
+
+
+def _shapes_by_joint(crane: Crane) -> dict[int, list[DrawnShape]]:
+    """Return the shapes of a URDF by the joint of Pinocchio that carries them; 0 is the world. Of a
+    link with shapes for collisions these, else those that are drawn.
+
+    Raises:
+        ModelError: If a link shows a mesh among these.
+    """
+    robot = ET.fromstring(crane.urdf)
+    for link in robot.iterfind("link"):
+        kind = "collision" if link.find("collision") is not None else "visual"
+        for other in {"collision", "visual"} - {kind}:
+            for element in link.findall(other):
+                link.remove(element)
+        if link.find(f"{kind}/geometry/mesh") is not None:
+            raise ModelError(
+                f"The link {link.get('name', '')} of the crane shows a mesh; clearance needs "
+                "boxes, cylinders or spheres. Draw them as <collision> of that link."
+            )
+    text = ET.tostring(robot, encoding="unicode")
+    shapes: dict[int, list[DrawnShape]] = {}
+    for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
+        for shape in pin.buildGeomFromUrdfString(crane.model, text, kind).geometryObjects:
+            placement = shape.placement
+            drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
+            shapes.setdefault(int(shape.parentJoint), []).append(drawn)
+    return shapes

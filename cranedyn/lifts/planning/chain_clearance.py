@@ -1,0 +1,704 @@
+"""Distances of a crane whose load hangs at the end of a chain of joints.
+
+A place is the positions of both drives that carry the pivot, and that of the hoist. The bodies are
+those that the URDF shows, by the joint that carries them (`cranedyn.lifts.planning.chain_bodies`).
+Each is compared with what it can meet:
+
+* Load, hook and rope with all solids, with what stands of the crane, such as the columns of its
+  runway, and with zones. A zone is only kept out of, at any distance.
+* Each link that drives move, such as a bridge with its legs or a boom, with all solids.
+* The load with the ground, since it hangs lowest.
+* Load and hook with each of these links: a gantry's legs, or a boom. The rope begins at the last
+  of them and ends at the hook, between both. That link carries the hook: how near that may come to
+  it is the shortest cable, see `ChainClearance.shortest_cable`.
+
+A motion is proven by bounds of how far its bodies move. A joint that turns by δ moves a point at
+the distance r from its axis by r δ at most, and one that slides by δ moves it by δ. Several joints
+move it by the sum of that, where r is the largest distance that the others leave it
+(Schwarzer, Saha, Latombe 2005).
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import coal
+import numpy as np
+
+from cranedyn.lifts.planning.chain_bodies import ChainBodies, chain_bodies
+from cranedyn.lifts.planning.clearance import ROUNDING, Clearance, OutOfReach, point_text
+from cranedyn.lifts.planning.crane_bodies import CraneParts, corners_of
+from cranedyn.lifts.planning.fields import Body, Field, Placed
+from cranedyn.lifts.planning.hoist_chain import CarrierLines, HoistChain
+from cranedyn.lifts.planning.site import BELOW_UPPER, GROUND, HANGING, OWN_BASE, OWN_STRUCTURE
+from cranedyn.lifts.planning.solids import hull
+from cranedyn.model.layout import ALIGNED
+
+_GRID_POINTS = 41
+"""Positions of each drive from which the drives above a point are searched."""
+
+_TRIED_STARTS = 8
+"""Number of the nearest of these from which the search goes on."""
+
+_SAME_PLACE = 1e-6
+"""Difference of positions up to which two solutions are one [rad or m]."""
+
+_POSTURES = 5
+"""Positions of each drive in which the shortest cable is looked for."""
+
+_CABLE_TOLERANCE = 1e-3
+"""Accuracy of the shortest cable [m]."""
+
+_PLUMB_STEP = 1e-6
+"""Time over which the rate of a plumb rope is taken by a difference [s]."""
+
+
+class _HangingBody(NamedTuple):
+    """A body that hangs, with the obstacles that it keeps from.
+
+    Attributes:
+        name: "load", "hook" or "rope".
+        body: Its shape, inflated by the required distance; not inflated where it keeps out of
+            zones.
+        fields: The obstacles, in groups.
+    """
+
+    name: str
+    body: Body
+    fields: list[Field]
+
+
+class _MovingBody(NamedTuple):
+    """A shape of a link that drives move.
+
+    Attributes:
+        link: Name of the link.
+        joint: Index of the joint that carries it among the coordinates.
+        body: The shape, inflated by the required distance.
+    """
+
+    link: str
+    joint: int
+    body: Body
+
+
+class _Ball(NamedTuple):
+    """A ball around the shapes of a link, in the frame of its joint.
+
+    Attributes:
+        joint: Index of the joint among the coordinates.
+        centre: Its centre [m], shape (3,).
+        radius: Its radius [m].
+    """
+
+    joint: int
+    centre: np.ndarray
+    radius: float
+
+
+class _OwnLink(NamedTuple):
+    """A link of the crane as an obstacle to what hangs.
+
+    Attributes:
+        joint: Index of the joint that carries it.
+        field: Its shapes, in the frame of that joint.
+        bodies: What keeps from it: the load, and the hook if it hangs on another link.
+    """
+
+    joint: int
+    field: Field
+    bodies: tuple[str, ...]
+
+
+@dataclass(frozen=True, eq=False)
+class ChainClearance(Clearance):
+    """A crane of a chain of joints and its site, and the distances between them."""
+
+    def _refuse_other_joints(self) -> None:
+        _ = self.chain  # refuses them
+
+    @cached_property
+    def chain(self) -> HoistChain:
+        """The joints of the crane."""
+        return HoistChain(self.crane)
+
+    @cached_property
+    def bodies(self) -> ChainBodies:
+        """See `Clearance`."""
+        return chain_bodies(self.crane, self.site.load)
+
+    @property
+    def parts(self) -> CraneParts:
+        """See `Clearance`."""
+        own: dict[str, tuple[str, ...]] = {OWN_STRUCTURE: HANGING}
+        for joint, link in self.bodies.links.items():
+            carries_rope = joint == self.chain.carriers[1]
+            own[f"own {link.name}"] = ("load",) if carries_rope else BELOW_UPPER
+        if self.site.base is not None:
+            own[OWN_BASE] = HANGING
+        links = tuple(link.name for link in self.bodies.links.values())
+        undrawn = list(self.bodies.undrawn)
+        if not self.bodies.standing:
+            undrawn.append("what stands")
+        return CraneParts(("structure",), links, own, undrawn=tuple(undrawn))
+
+    @property
+    def standing(self) -> list[np.ndarray]:
+        """See `Clearance`."""
+        return self.bodies.standing
+
+    @cached_property
+    def turning(self) -> int | None:
+        """See `Clearance`. It is the first drive, or the second one on a first that slides."""
+        for i, joint in enumerate(self.chain.carriers):
+            described = self.crane.layout.joints[joint]
+            if described.kind == "revolute":
+                return i if abs(described.axis[2]) >= ALIGNED else None
+        return None
+
+    @cached_property
+    def shortest_cable(self) -> float:
+        """Least coordinate of the hoist at which the hook does not touch the link that carries it
+        [m], in a few positions of both drives over their ranges.
+
+        A link that leans, such as a boom, is nearest to the hook in another position than one that
+        is level, so that no formula tells it. Between the positions it is not proven.
+        """
+        lowest = float(self.crane.lower[self.hoist])
+        longest = float(self.crane.upper[self.hoist])
+        link = self.bodies.links.get(self.chain.carriers[1])
+        if link is None:
+            return lowest
+        field = Field(("carrier", hull(corners_of(shape))) for shape in link.shapes)
+        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
+        hook = Body(coal.Box(self.bodies.hook.size), 0.0, hook_place)
+
+        def touches(carriers: np.ndarray, length: float) -> bool:
+            q = self.q(np.array([*carriers, length]))
+            carrier, load = self._frames(q, self.chain.carriers[1], self.hoist)
+            return field.least(hook.put(carrier.inverse() * load)) <= 0.0
+
+        shortest = lowest
+        for carriers in self._grid(_POSTURES):
+            if not touches(carriers, shortest):
+                continue
+            free = longest
+            while free - shortest > _CABLE_TOLERANCE:
+                middle = (free + shortest) / 2.0
+                if touches(carriers, middle):
+                    shortest = middle
+                else:
+                    free = middle
+            shortest = free
+        return shortest
+
+    @cached_property
+    def reach(self) -> tuple[float, float]:
+        """See `Clearance`."""
+        positions = self.chain.pivot(self._grid(_GRID_POINTS)).point
+        radii = np.linalg.norm(positions[:, :2], axis=1)
+        return float(radii.min()), float(radii.max())
+
+    @cached_property
+    def swing_inertia(self) -> float:
+        """See `Clearance`."""
+        crane = self.crane
+        first, second = self.chain.swings
+        # With the load about its centre, and the links between the swing joints about the pivot,
+        # the inertia about a swing axis through the pivot is m l² and this. It differs a little
+        # between both axes, and a path has one number for both: their mean.
+        hanging = self.chain.about_swings(self.hoist, crane.payload_inertia)
+        for joint in (first, second):
+            about_pivot = crane.model.inertias[joint + 1].matrix()[3:, 3:]
+            about = self.chain.about_swings(joint, about_pivot)
+            # The first swing does not turn about the axis of the second.
+            hanging = hanging + (about if joint == second else about * [1.0, 0.0])
+        return float(hanging.mean()) / crane.payload_mass
+
+    # --- places -----------------------------------------------------------------------------------
+
+    @property
+    def swing_joints(self) -> tuple[int, int]:
+        """See `Clearance`."""
+        return self.chain.swings
+
+    def place(self, point: np.ndarray, label: str = "point") -> np.ndarray:
+        """See `Clearance`. Of the places that are found it is the one nearest to the start of the
+        crane.
+        """
+        target = self.site.to_crane(point)
+        carriers = self._carriers_above(target[:2], point, label)
+        pivot_height = float(self.chain.pivot(carriers[None]).point[0, 2])
+        length = pivot_height - float(target[2]) - self.chain.offset
+        self._refuse_length(length, point, label)
+        return np.array([*carriers, length])
+
+    def highest_place(self, point: np.ndarray, label: str, reserve: float) -> np.ndarray:
+        """See `Clearance`."""
+        target = self.site.to_crane(np.array([*point, 0.0]))
+        carriers = self._carriers_above(target[:2], np.asarray(point), label)
+        return np.array([*carriers, self.shortest_cable + reserve])
+
+    def _carriers_above(self, target: np.ndarray, point: np.ndarray, label: str) -> np.ndarray:
+        """Return the positions of both drives with which the pivot is above a target in plan, in
+        the frame of the crane [m], shape (2,).
+
+        Raises:
+            OutOfReach: If there are none within the ranges of the drives.
+        """
+        grid = self._grid(_GRID_POINTS)
+        off = np.linalg.norm(self.chain.pivot(grid).point[:, :2] - target, axis=1)
+        nearest = grid[np.argsort(off, kind="stable")[:_TRIED_STARTS]]
+        found = self.chain.carriers_above(np.tile(target, (len(nearest), 1)), nearest)
+        low, high = self._carrier_ranges
+        if self.turning is not None:
+            # Newton's method may go round.
+            turns = np.floor((found[:, self.turning] - low[self.turning]) / (2.0 * math.pi))
+            found[:, self.turning] -= 2.0 * math.pi * turns
+        inside = (found >= low - _SAME_PLACE) & (found <= high + _SAME_PLACE)
+        found = np.clip(found[inside.all(axis=1)], low, high)
+        if not len(found):
+            raise OutOfReach(
+                f"The crane does not reach above the {label} at {point_text(point)}: its hook "
+                f"comes no nearer to that in plan than about {off.min():.2f} m. Move the {label}, "
+                "or the crane.",
+                name="distance in plan from the reach of the crane",
+                value=float(off.min()),
+                allowed="0",
+            )
+        at_start = self.crane.start.q[list(self.chain.carriers)]
+        distances = np.abs((found - at_start) / np.maximum(high - low, _SAME_PLACE)).sum(axis=1)
+        return found[int(distances.argmin())]
+
+    @cached_property
+    def _carrier_ranges(self) -> tuple[np.ndarray, np.ndarray]:
+        """Least and largest position of both drives that carry the pivot, shape (2,) each. Of a
+        drive that turns the crane by more than a full turn they are those from -π to π.
+        """
+        carriers = list(self.chain.carriers)
+        low = self.crane.lower[carriers].copy()
+        high = self.crane.upper[carriers].copy()
+        turning = self.turning
+        if turning is not None and high[turning] - low[turning] > 2.0 * math.pi:
+            low[turning] = max(low[turning], -math.pi)
+            high[turning] = min(high[turning], low[turning] + 2.0 * math.pi)
+        return low, high
+
+    def _grid(self, count: int) -> np.ndarray:
+        """Return positions of both drives over their ranges, a count of each; shape (count², 2)."""
+        low, high = self._carrier_ranges
+        first = np.linspace(low[0], high[0], count)
+        second = np.linspace(low[1], high[1], count)
+        return np.array(list(itertools.product(first, second)))
+
+    def _refuse_length(self, length: float, point: np.ndarray, label: str) -> None:
+        """Refuse a point of the site [m], shape (3,), if the hook does not reach it with the
+        coordinate of the hoist that it needs [m]. The label names the point.
+        """
+        longest = float(self.crane.upper[self.hoist])
+        if self.shortest_cable <= length <= longest:
+            return
+        above = float(point[2]) - self.site.ground
+        highest = above + length - self.shortest_cable
+        lowest = above + length - longest
+        if above > highest:
+            reach = f"up to {highest:.2f}"
+            change = f"Lower the {label}, or take a taller crane"
+        else:
+            reach = f"down to {lowest:.2f}"
+            change = f"Raise the {label}, or take a crane with a longer rope"
+        raise OutOfReach(
+            f"There the centre of this load gets {reach} m above the ground; the {label} at "
+            f"{point_text(point)} is {above:.2f} m above it. {change}.",
+            name="height of the centre of the load",
+            value=above,
+            allowed=f"{lowest:.2f} to {highest:.2f}",
+        )
+
+    def point(self, drive_position: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        places = np.asarray(drive_position, dtype=float)
+        rows = places.reshape(-1, 3)
+        points = self.chain.pivot(rows[:, :2]).point
+        points[:, 2] -= rows[:, 2] + self.chain.offset
+        return points.reshape(places.shape)
+
+    def q(self, drive_position: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        places = np.asarray(drive_position, dtype=float)
+        q = self.chain.plumb(places.reshape(-1, 3))
+        return q.reshape(*places.shape[:-1], -1)
+
+    def cable(self, q: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        return q[..., self.hoist] + self.chain.offset
+
+    def tilt(self, q: np.ndarray) -> np.ndarray:
+        """See `Clearance`. This is the angle itself."""
+        shape = np.shape(q)[:-1]
+        rope = self.chain.rope(q.reshape(-1, q.shape[-1]))
+        aside = np.linalg.norm(rope[:, :2], axis=1)
+        return np.arctan2(aside, -rope[:, 2]).reshape(shape)
+
+    def swing(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See `Clearance`."""
+        shape = np.shape(q)[:-1]
+        q = q.reshape(-1, q.shape[-1])
+        v = v.reshape(q.shape)
+        swings = list(self.chain.swings)
+        drives = self.drive_joints
+
+        def plumb(places: np.ndarray) -> np.ndarray:
+            return self.chain.plumb(places)[:, swings]
+
+        later = plumb(q[:, drives] + _PLUMB_STEP * v[:, drives])
+        earlier = plumb(q[:, drives] - _PLUMB_STEP * v[:, drives])
+        angles = q[:, swings] - plumb(q[:, drives])
+        rates = v[:, swings] - (later - earlier) / (2.0 * _PLUMB_STEP)
+        return angles.reshape(*shape, 2), rates.reshape(*shape, 2)
+
+    def hang_along(self, q: np.ndarray, direction: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        attitude = self.chain.pivot(q[:, list(self.chain.carriers)]).attitude
+        unit = direction / np.linalg.norm(direction, axis=1)[:, None]
+        hanging = q.copy()
+        hanging[:, list(self.chain.swings)] = self.chain.swing_along(attitude, unit)
+        return hanging
+
+    def load_accelerations(
+        self, drive_position: np.ndarray, first: np.ndarray, second: np.ndarray
+    ) -> np.ndarray:
+        """See `Clearance`: along X and Y of the crane."""
+        pivot = self.chain.pivot_acceleration(drive_position[:, :2], first[:, :2], second[:, :2])
+        return pivot[:, :2]
+
+    def carry(
+        self, oscillating: np.ndarray, rope: np.ndarray, drive_position: np.ndarray
+    ) -> np.ndarray:
+        """See `Clearance`."""
+        inertia = self.swing_inertia
+        plumb_cable = drive_position[:, 2] + self.chain.offset
+        # The centre of oscillation is at reach = l + inertia / l below the pivot.
+        first = np.column_stack([drive_position[:, :2], plumb_cable + inertia / plumb_cable])
+        found = self.chain.carriers_along(oscillating, rope, first)
+        reach = found[:, 2]
+        cable = (reach + np.sqrt(reach**2 - 4.0 * inertia)) / 2.0
+        q = np.zeros((len(oscillating), self.crane.layout.n))
+        q[:, list(self.chain.carriers)] = found[:, :2]
+        q[:, self.hoist] = cable - self.chain.offset
+        return self.hang_along(q, -rope)
+
+    # --- bounds of motions ------------------------------------------------------------------------
+
+    def travel(self, drive_position: np.ndarray, reach: np.ndarray) -> float:
+        """See `Clearance`. What hangs moves against what stands, links of the crane against what
+        stands, and what hangs against links of the crane; this is the largest of these bounds.
+        """
+        places = drive_position[None]
+        change = np.zeros((1, self.crane.layout.n))
+        change[0, self.drive_joints] = reach
+        lines = self._lines(places[:, :2])
+        pivot_moved, turned = self._pivot_bound(lines, change)
+        # The envelope of the swing grows with the rope.
+        hoisted = float(reach[2]) * (1.0 + 2.0 * math.sin(self.site.swing / 2.0))
+        # A plumb load turns about the vertical only, no faster than the drives turn the crane.
+        spread = self.bodies.spread
+        hanging = float(pivot_moved[0]) + spread * float(turned[0]) + hoisted
+        bounds = [hanging, float(self._structure_bound(lines, change)[0])]
+        length = float(drive_position[2]) + hoisted + self.chain.offset + self.bodies.below
+        for joint in self.bodies.links:
+            moved, turned = self._pivot_bound(lines, change, beyond=joint)
+            # Seen from a link that is tipped, a plumb rope turns about the pivot.
+            tipped = sum(float(change[0, i]) for i in self._tipping if i <= joint)
+            relative = float(moved[0]) + spread * float(turned[0]) + length * tipped
+            bounds.append(relative + hoisted)
+        return max(bounds)
+
+    def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
+        rows = np.broadcast_to(q, shape).reshape(-1, shape[-1])
+        rows_end = np.broadcast_to(q_end, shape).reshape(rows.shape)
+        change = np.abs(rows_end - rows)
+        lines = self._lines(rows[:, list(self.chain.carriers)])
+        pivot_moved, turned = self._pivot_bound(lines, change)
+        swung = change[:, list(self.chain.swings)].sum(axis=1)
+        hoisted = change[:, self.hoist]
+        length = rows[:, self.hoist] + hoisted + self.chain.offset + self.bodies.below
+        # On the way from one to the other a rope leans no more than at an end and by what turns it.
+        # Drives and swings turn the rope about the pivot, with all that hangs on it. A turn about
+        # the vertical moves a point by its distance from the plumb line: with the rope leaning by
+        # an angle, that is no more than the length times the angle, and the spread.
+        about_vertical = np.zeros(len(rows))
+        if self.turning is not None:
+            about_vertical = change[:, self.chain.carriers[self.turning]]
+        tipped = turned - about_vertical
+        lean = np.maximum(self.tilt(rows), self.tilt(rows_end)) + swung + tipped
+        hanging = pivot_moved + hoisted + length * (tipped + swung)
+        hanging += (self.bodies.spread + length * lean) * about_vertical
+        largest = np.maximum(hanging, self._structure_bound(lines, change))
+        for joint in self.bodies.links:
+            # Against a link moves what hangs by the drives between the two, swings, and hoist.
+            moved, turned = self._pivot_bound(lines, change, beyond=joint)
+            largest = np.maximum(largest, moved + hoisted + length * (turned + swung))
+        return largest.reshape(shape[:-1])
+
+    @cached_property
+    def _tipping(self) -> list[int]:
+        """Indices of the drives that turn the pivot about another axis than the vertical."""
+        turning = [joint for joint in self.chain.carriers if self.chain.turns(joint)]
+        if self.turning is not None:
+            turning.remove(self.chain.carriers[self.turning])
+        return turning
+
+    def _lines(self, carriers: np.ndarray) -> CarrierLines | None:
+        """Return the axes of both drives that carry the pivot at positions of shape (rows, 2); None
+        where neither turns, and the bounds below do not depend on them.
+        """
+        if not any(self.chain.turns(joint) for joint in self.chain.carriers):
+            return None
+        return self.chain.carrier_lines(carriers)
+
+    def _pivot_bound(
+        self, lines: CarrierLines | None, change: np.ndarray, *, beyond: int = -1
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the pivot moves at most [m], and by how much the drives turn what it
+        carries [rad], where coordinates change by no more than a bound; shape (rows,) each.
+
+        Args:
+            lines: Axes of the drives, see `_lines`.
+            change: Bounds of the change of all coordinates, shape (rows, n).
+            beyond: Index of the joint in whose frame this is seen, which then rests; -1 for the
+                frame of the crane.
+        """
+        ball = _Ball(self.chain.swings[0], np.zeros(3), 0.0)
+        return self._moved(lines, change, ball, beyond=beyond)
+
+    def _structure_bound(self, lines: CarrierLines | None, change: np.ndarray) -> np.ndarray:
+        """Return how far any point of the links that drives move does so at most [m], shape
+        (rows,); arguments as of `_pivot_bound`.
+        """
+        largest = np.zeros(len(change))
+        for ball in self._balls:
+            moved, _ = self._moved(lines, change, ball)
+            largest = np.maximum(largest, moved)
+        return largest
+
+    def _moved(
+        self,
+        lines: CarrierLines | None,
+        change: np.ndarray,
+        ball: _Ball,
+        *,
+        beyond: int = -1,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return how far the points of a ball move at most [m], and by how much they are turned
+        [rad], where the drives that carry it change by no more than a bound.
+
+        Args:
+            lines: Axes of the drives, see `_lines`.
+            change: Bounds of the change of all coordinates, shape (rows, n).
+            ball: The ball. If its joint is the first swing, both drives carry it.
+            beyond: As of `_pivot_bound`.
+        """
+        moved = np.zeros(len(change))
+        turned = np.zeros(len(change))
+        point = None if lines is None else lines.point_on(ball.joint, ball.centre)
+        # From the outermost drive inwards: what the outer ones have moved is farther from the axes
+        # of the inner ones by no more than that.
+        for i in reversed(range(2)):
+            joint = self.chain.carriers[i]
+            if not beyond < joint <= ball.joint:
+                continue
+            if lines is None or not self.chain.turns(joint):
+                moved = moved + change[:, joint]
+                continue
+            to_point = point - lines.origins[i]
+            axis = lines.axes[i]
+            along = np.einsum("rj,rj->r", to_point, axis)[:, None]
+            distance = np.linalg.norm(to_point - along * axis, axis=1) + ball.radius
+            moved = moved + (distance + moved) * change[:, joint]
+            turned = turned + change[:, joint]
+        return moved, turned
+
+    @cached_property
+    def _balls(self) -> list[_Ball]:
+        """A ball around the shapes of each link that drives move."""
+        balls = []
+        for joint, link in self.bodies.links.items():
+            corners = np.concatenate([corners_of(shape) for shape in link.shapes])
+            centre = (corners.min(axis=0) + corners.max(axis=0)) / 2.0
+            radius = float(np.linalg.norm(corners - centre, axis=1).max())
+            balls.append(_Ball(joint, centre, radius))
+        return balls
+
+    # --- margins ----------------------------------------------------------------------------------
+
+    def margin(self, q: np.ndarray, envelope: float = 0.0) -> float:
+        """See `Clearance`. The envelope is that of what hangs; drives and not the swing move the
+        other bodies.
+        """
+        if not np.isfinite(q).all():
+            return -math.inf
+        hanging, zones, structure = self._margins_of_bodies(q)
+        return min(hanging - envelope, zones - envelope, structure) - ROUNDING
+
+    def _margins(self, q: np.ndarray) -> tuple[float, float]:
+        if not np.isfinite(q).all():
+            return -math.inf, -math.inf
+        hanging, zones, structure = self._margins_of_bodies(q)
+        return min(hanging, structure) - ROUNDING, zones - ROUNDING
+
+    def _margins_of_bodies(self, q: np.ndarray) -> tuple[float, float, float]:
+        """Return the margins of what hangs to everything but zones, to zones, and of the links that
+        drives move [m].
+        """
+        hanging = math.inf
+        zones = math.inf
+        structure = math.inf
+        for name, field, moving in itertools.chain(self._placed(q), self._placed_near_own(q)):
+            least = field.least(moving)
+            if name not in HANGING:
+                structure = min(structure, least)
+            elif moving.inflated == 0.0:  # only what keeps out of zones is not inflated
+                zones = min(zones, least)
+            else:
+                hanging = min(hanging, least)
+        return hanging, zones, structure
+
+    # --- what is compared with what ---------------------------------------------------------------
+
+    def compared_fields(self) -> Iterator[tuple[str, Field]]:
+        """See `Clearance`."""
+        for hanging in self._hanging:
+            for field in hanging.fields:
+                yield hanging.name, field
+        for link in self.bodies.links.values():
+            if len(self._solids):
+                yield link.name, self._solids
+        for own in self._own_links:
+            for name in own.bodies:
+                yield name, own.field
+
+    @property
+    def own_shape_counts(self) -> dict[str, int]:
+        """See `Clearance`."""
+        counts = {
+            OWN_STRUCTURE: len(self.bodies.standing),
+            OWN_BASE: int(self.site.base is not None),
+        }
+        for link in self.bodies.links.values():
+            counts[f"own {link.name}"] = len(link.shapes)
+        return counts
+
+    def out_of_range(self) -> Iterator[tuple[str, str]]:
+        """See `Clearance`. A crane of which nothing is drawn that stands has nothing to compare
+        with it; `CraneParts.undrawn` tells of that.
+        """
+        if not self.bodies.standing:
+            for body in HANGING:
+                yield body, OWN_STRUCTURE
+
+    # --- inside -----------------------------------------------------------------------------------
+
+    @cached_property
+    def _solids(self) -> Field:
+        """All solids but zones."""
+        return Field(self._shapes_of([solid for solid in self.solids if not solid.zone]))
+
+    @cached_property
+    def _hanging(self) -> list[_HangingBody]:
+        """Bodies that hang, with what they keep from. Bodies that are not inflated keep out of
+        zones, which need no distance. A body that keeps from nothing is left out.
+        """
+        standing = [(OWN_STRUCTURE, hull(corners)) for corners in self.bodies.standing]
+        if self.site.base is not None:
+            standing.append((OWN_BASE, hull(self.site.base_corners)))
+        solids = self._shapes_of([solid for solid in self.solids if not solid.zone])
+        at_rest = Field([*solids, *standing])
+        zones = Field(self._shapes_of([solid for solid in self.solids if solid.zone]))
+        level = self.site.ground - float(self.site.foot[2])
+        ground = Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))])
+        if any(part.obstacle == GROUND for part in self.contacts):
+            ground = Field([])
+        distance = self.site.distance
+        load = hull(self.bodies.load)
+        hook = coal.Box(self.bodies.hook.size)
+        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
+        rope = coal.Capsule(self.bodies.falls, 1.0)  # stretched to its length where it is placed
+        bodies = [
+            _HangingBody("rope", Body(rope, distance), [at_rest]),
+            _HangingBody("hook", Body(hook, distance, hook_place), [at_rest]),
+            _HangingBody("load", Body(load, distance), [at_rest, ground]),
+            _HangingBody("rope", Body(rope, 0.0), [zones]),
+            _HangingBody("hook", Body(hook, 0.0, hook_place), [zones]),
+            _HangingBody("load", Body(load, 0.0), [zones]),
+        ]
+        hanging = []
+        for candidate in bodies:
+            not_empty = [field for field in candidate.fields if len(field)]
+            if not_empty:
+                hanging.append(candidate._replace(fields=not_empty))
+        return hanging
+
+    @cached_property
+    def _moving(self) -> list[_MovingBody]:
+        """All shapes of the links that drives move, inflated by the required distance."""
+        moving = []
+        for joint, link in self.bodies.links.items():
+            for shape in link.shapes:
+                within = coal.Transform3s(shape.rotation, shape.translation)
+                body = Body(shape.geometry, self.site.distance, within)
+                moving.append(_MovingBody(link.name, joint, body))
+        return moving
+
+    @cached_property
+    def _own_links(self) -> list[_OwnLink]:
+        """The links that drives move, as obstacles to load and hook."""
+        links = []
+        for joint, link in self.bodies.links.items():
+            name = f"own {link.name}"
+            field = Field((name, hull(corners_of(shape))) for shape in link.shapes)
+            links.append(_OwnLink(joint, field, self.parts.own[name]))
+        return links
+
+    @cached_property
+    def _load_and_hook(self) -> dict[str, Body]:
+        """Load and hook, for distances from the links of the crane itself."""
+        distance = self.site.distance
+        hook = self.bodies.hook
+        hook_place = coal.Transform3s(np.eye(3), hook.centre)
+        return {
+            "load": Body(hull(self.bodies.load), distance),
+            "hook": Body(coal.Box(hook.size), distance, hook_place),
+        }
+
+    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        first, second = self.chain.carriers
+        first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
+        frames = {first: first_frame, second: second_frame}
+        length = float(self.cable(q))
+        for name, body, fields in self._hanging:
+            if name == "rope":
+                body.stretch(length)
+            placed = body.put(load)
+            for field in fields:
+                yield name, field, placed
+        if not len(self._solids):
+            return
+        for link, joint, body in self._moving:
+            yield link, self._solids, body.put(frames[joint])
+
+    def _placed_near_own(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        first, second = self.chain.carriers
+        first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
+        frames = {first: first_frame, second: second_frame}
+        for own in self._own_links:
+            relative = frames[own.joint].inverse() * load
+            for name in own.bodies:
+                yield name, own.field, self._load_and_hook[name].put(relative)

@@ -1,0 +1,340 @@
+"""Lifts of cranes that are no tower crane: kinematics, bounds and distances against Pinocchio."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+from numpy.testing import assert_allclose
+
+from cranedyn.errors import ModelError
+from cranedyn.lifts.planning.certificate import certify
+from cranedyn.lifts.planning.chain_clearance import ChainClearance
+from cranedyn.lifts.planning.clearance import ROUNDING, OutOfReach
+from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.coverage import coverage_check
+from cranedyn.lifts.planning.crane_bodies import corners_of
+from cranedyn.lifts.planning.ground_lift import from_ground
+from cranedyn.lifts.planning.hoist_chain import HoistChain
+from cranedyn.lifts.planning.lift import plan_lift
+from cranedyn.lifts.planning.optimal import optimal
+from cranedyn.lifts.planning.site import Site
+from cranedyn.lifts.planning.solids import box
+from cranedyn.model.crane import Crane
+from cranedyn.model.description import XACRO
+from cranedyn.model.load import load_crane
+from cranedyn.references.limits import Limits
+from cranedyn.verdict import Verdict
+from tests.lifts.planning.sites import LOAD, corners
+
+PORTAL = Path(__file__).resolve().parents[3] / "examples" / "portal_crane.urdf"
+
+KINDS = ("overhead", "luffing", "portal", "tower")
+
+
+@cache
+def crane(kind: str) -> Crane:
+    if kind == "portal":
+        return load_crane(PORTAL, locked={"travel_joint": 12.0})
+    return load_crane(XACRO.parent / f"{kind}_crane.urdf.xacro")
+
+
+@cache
+def clearance(kind: str) -> ChainClearance:
+    return ChainClearance(crane(kind), Site("test", (), load=LOAD))
+
+
+def random_places(asked: ChainClearance, count: int, seed: int = 1) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    lower = np.maximum(asked.crane.lower[asked.drive_joints], -3.0)
+    upper = np.minimum(asked.crane.upper[asked.drive_joints], 30.0)
+    return rng.uniform(lower, upper, (count, 3))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_pivot_moves_as_pinocchio_has_it(kind: str) -> None:
+    chain = HoistChain(crane(kind))
+    model = crane(kind).model
+    rng = np.random.default_rng(2)
+    places = random_places(clearance(kind), 20)
+    rates, accelerations = rng.normal(size=(2, 20, 2))
+    pivot = chain.pivot(places[:, :2])
+    linear = chain.pivot_acceleration(places[:, :2], rates, accelerations)
+    joint = chain.swings[0] + 1
+    data = model.createData()
+    for row, carriers in enumerate(places[:, :2]):
+        q, v, a = np.zeros((3, model.nv))
+        q[list(chain.carriers)] = carriers
+        v[list(chain.carriers)] = rates[row]
+        a[list(chain.carriers)] = accelerations[row]
+        pin.forwardKinematics(model, data, q, v, a)
+        assert_allclose(pivot.point[row], data.oMi[joint].translation, atol=1e-9)
+        velocity = pin.getVelocity(model, data, joint, pin.LOCAL_WORLD_ALIGNED).linear
+        assert_allclose(pivot.by_drive[row] @ rates[row], velocity, atol=1e-9)
+        # Pinocchio's acceleration of the origin of the frame, which turns with the joint's own
+        # rate of zero.
+        origin = pin.getClassicalAcceleration(model, data, joint, pin.LOCAL_WORLD_ALIGNED).linear
+        assert_allclose(linear[row], origin, atol=1e-8)
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_place_hangs_the_load_plumb_at_its_point(kind: str) -> None:
+    asked = clearance(kind)
+    places = random_places(asked, 20)
+    points = asked.point(places)
+    data = asked.crane.model.createData()
+    for point, q in zip(points, asked.q(places), strict=True):
+        pin.forwardKinematics(asked.crane.model, data, q)
+        load = data.oMi[asked.crane.payload.body + 1]
+        centre = load.translation + load.rotation @ asked.crane.payload.lever
+        pivot = data.oMi[asked.swing_joints[0] + 1].translation
+        assert_allclose(centre, point, atol=1e-9)
+        assert_allclose(centre[:2], pivot[:2], atol=1e-9)
+        assert pivot[2] - centre[2] == pytest.approx(float(asked.cable(q)), abs=1e-9)
+        assert float(asked.tilt(q)) == pytest.approx(0.0, abs=1e-7)
+        again = asked.place(asked.site.to_site(point))
+        assert_allclose(asked.point(again), point, atol=1e-6)
+
+
+def test_places_of_a_tower_crane_are_those_of_its_closed_forms() -> None:
+    chain = clearance("tower")
+    closed = clearance_of(crane("tower"), chain.site)
+    places = random_places(chain, 20)
+    rng = np.random.default_rng(3)
+    assert_allclose(chain.point(places), closed.point(places), atol=1e-9)
+    assert_allclose(chain.q(places), closed.q(places), atol=1e-9)
+    assert chain.reach == pytest.approx(closed.reach, rel=1e-6)
+    assert chain.swing_inertia == pytest.approx(closed.swing_inertia, rel=1e-9)
+    first, second = 0.1 * rng.normal(size=(2, 20, 3))
+    # Both name two directions at right angles: sizes are alike.
+    by_chain = np.linalg.norm(chain.load_accelerations(places, first, second), axis=1)
+    by_closed = np.linalg.norm(closed.load_accelerations(places, first, second), axis=1)
+    assert_allclose(by_chain, by_closed, atol=1e-9)
+    rope = np.column_stack([0.05 * rng.normal(size=(20, 2)), np.ones(20)])
+    rope[0] = [0.0, 0.0, 1.0]  # the closed form counts full turns from a plumb first row
+    rope /= np.linalg.norm(rope, axis=1)[:, None]
+    low = closed.point(places) - [0.0, 0.0, 0.1]
+    difference = chain.carry(low, rope, places) - closed.carry(low, rope, places)
+    difference[:, 0] -= 2.0 * np.pi * np.round(difference[:, 0] / (2.0 * np.pi))
+    assert_allclose(difference, 0.0, atol=1e-7)
+
+
+def body_points(asked: ChainClearance, q: np.ndarray) -> dict[str, np.ndarray]:
+    """Return corners of the bodies by Pinocchio: in the frame of the crane, and what hangs in that
+    of each link.
+    """
+    data = asked.crane.model.createData()
+    pin.forwardKinematics(asked.crane.model, data, q)
+    hanging = np.vstack([asked.bodies.load, asked.bodies.hook.corners])
+    load = data.oMi[asked.hoist + 1]
+    points = {"hanging": hanging @ load.rotation.T + load.translation}
+    for joint, link in asked.bodies.links.items():
+        frame = data.oMi[joint + 1]
+        shapes = np.vstack([corners_of(shape) for shape in link.shapes])
+        points[link.name] = shapes @ frame.rotation.T + frame.translation
+        relative = frame.actInv(load)
+        points[f"hanging from {link.name}"] = hanging @ relative.rotation.T + relative.translation
+    return points
+
+
+def largest_way(asked: ChainClearance, q: np.ndarray, q_end: np.ndarray) -> float:
+    first = body_points(asked, q)
+    last = body_points(asked, q_end)
+    ways = [np.linalg.norm(last[name] - first[name], axis=1).max() for name in first]
+    return float(max(ways))
+
+
+@pytest.mark.parametrize("kind", KINDS[:3])
+def test_no_point_moves_farther_than_the_bound_of_a_displacement(kind: str) -> None:
+    asked = clearance(kind)
+    rng = np.random.default_rng(4)
+    n = asked.crane.layout.n
+    q = asked.q(random_places(asked, 200)) + 0.1 * rng.normal(size=(200, n))
+    step = rng.normal(size=(200, n)) * rng.choice([0.0, 0.01, 0.2], size=(200, n))
+    bound = asked.displacement(q, q + step)
+    ways = np.array([largest_way(asked, q[i], q[i] + step[i]) for i in range(200)])
+    assert (ways <= bound + 1e-12).all()
+    assert (ways / np.maximum(bound, 1e-9)).max() > 0.5  # the bound is of use
+
+
+@pytest.mark.parametrize("kind", KINDS[:3])
+def test_no_plumb_load_and_no_link_moves_farther_than_the_bound_of_a_travel(kind: str) -> None:
+    asked = clearance(kind)
+    rng = np.random.default_rng(5)
+    places = random_places(asked, 200)
+    reach = np.abs(rng.normal(size=(200, 3))) * rng.choice([0.0, 0.02, 0.3], size=(200, 3))
+    sides = rng.uniform(-1.0, 1.0, (200, 3))
+    used = 0.0
+    for place, farthest, side in zip(places, reach, sides, strict=True):
+        way = largest_way(asked, asked.q(place), asked.q(place + side * farthest))
+        bound = asked.travel(place, farthest)
+        assert way <= bound + 1e-12
+        used = max(used, way / max(bound, 1e-9))
+    assert used > 0.5
+
+
+@pytest.mark.parametrize("kind", KINDS[:3])
+def test_distances_from_the_cranes_own_links_are_those_of_pinocchios_geometry(kind: str) -> None:
+    asked = ChainClearance(crane(kind), Site("test", (), load=corners(3.0, 4.0, 2.0)))
+    model = asked.crane.model
+    load_shape = coal.Box(np.ptp(asked.bodies.load, axis=0))
+    for q in asked.q(random_places(asked, 5)):
+        data = model.createData()
+        pin.forwardKinematics(model, data, q)
+        load = data.oMi[asked.hoist + 1]
+        for joint, link in asked.bodies.links.items():
+            least = np.inf
+            for shape in link.shapes:
+                corners_in_link = corners_of(shape)
+                low, high = corners_in_link.min(axis=0), corners_in_link.max(axis=0)
+                within = pin.SE3(np.eye(3), (low + high) / 2.0)
+                place = data.oMi[joint + 1] * within
+                result = coal.DistanceResult()
+                coal.distance(
+                    load_shape,
+                    coal.Transform3s(load.rotation, load.translation),
+                    coal.Box(high - low),
+                    coal.Transform3s(place.rotation, place.translation),
+                    coal.DistanceRequest(),
+                    result,
+                )
+                least = min(least, result.min_distance)
+            found = asked.distances(q)[f"own {link.name}"]
+            assert found.distance <= least + 1e-5
+            if found.body == "load":
+                assert found.distance == pytest.approx(least, abs=1e-5)
+            margin = asked.margin(q)
+            assert margin <= least - asked.site.distance - ROUNDING + 1e-5
+
+
+def test_a_boom_keeps_from_obstacles_as_its_load_does() -> None:
+    asked = clearance("luffing")
+    q = asked.q(np.array([0.0, 0.5, 20.0]))
+    # The boom begins at a height of 40 m and rises by half a radian along -Y.
+    middle = (0.0, -22.5 * np.cos(0.5))
+    height = 40.0 + 22.5 * np.sin(0.5)
+    for gap in (0.2, 1.0):
+        # Its underside is half of its height of 1.4 m below its middle, at right angles to it.
+        top = height - 0.7 / np.cos(0.5) - gap / np.cos(0.5)
+        mast = Site("test", (box("mast", middle, (0.02, 0.02, top), 0.0),), load=LOAD)
+        beside = ChainClearance(crane("luffing"), mast)
+        found = beside.nearest(q)
+        assert (found.body, found.obstacle) == ("boom", "mast")
+        assert found.distance == pytest.approx(gap, abs=0.02)
+        assert beside.margin(q) == pytest.approx(gap - 0.5, abs=0.02)
+    assert asked.margin(q) > 1.0
+
+
+LIMITS = {
+    "overhead": Limits((1.3, 0.6, 0.3), (0.3, 0.3, 0.3)),
+    "luffing": Limits((0.06, 0.015, 1.0), (0.01, 0.004, 0.3)),
+    "portal": Limits((0.1, 0.02, 1.0), (0.02, 0.006, 0.3)),
+}
+
+ENDS = {
+    "overhead": ((8.0, -6.0, 2.0), (30.0, -14.0, 2.0)),
+    "luffing": ((20.0, -20.0, 12.0), (0.0, -30.0, 12.0)),
+    "portal": ((12.0, -25.0, 5.0), (30.0, -12.0, 5.0)),
+}
+
+
+def lift_site(kind: str, *solids: object) -> Site:
+    start, goal = map(np.array, ENDS[kind])
+    return Site("test", solids, load=LOAD, start=start, goal=goal)  # type: ignore[arg-type]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["overhead", "portal"])
+def test_a_lift_of_another_crane_is_planned_and_certified(kind: str) -> None:
+    lift = plan_lift(lift_site(kind), LIMITS[kind], crane=crane(kind))
+    certificate = certify(lift)
+    assert certificate.holds, [check.sentence for check in certificate.checks]
+    end = lift.clearance.point(certificate.run.q[-1, lift.clearance.drive_joints])
+    assert_allclose(lift.clearance.site.to_site(end), ENDS[kind][1], atol=0.01)
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(
+    ("kind", "centre", "size"),
+    [
+        ("overhead", (20.0, -9.0), (4.0, 8.0, 5.0)),
+        ("luffing", (11.0, -27.0), (4.0, 6.0, 16.0)),
+    ],
+)
+def test_a_lift_of_another_crane_goes_round_an_obstacle(
+    kind: str, centre: tuple[float, float], size: tuple[float, float, float]
+) -> None:
+    solid = box("obstacle", centre, size, 0.0)
+    certificate = certify(plan_lift(lift_site(kind, solid), LIMITS[kind], crane=crane(kind)))
+    assert certificate.holds, [check.sentence for check in certificate.checks]
+    assert certificate.distances["obstacle"].min() >= 0.5
+
+
+def test_of_a_link_that_is_not_drawn_nothing_is_certified() -> None:
+    bare = load_crane(XACRO.parent / "overhead_crane.urdf.xacro", values={"visuals": "false"})
+    asked = clearance_of(bare, Site("test", (), load=LOAD))
+    check = coverage_check(asked, frozenset())
+    assert check.verdict is Verdict.NOT_JUDGED
+    assert "draws nothing of bridge and trolley" in check.sentence
+
+
+def test_a_point_that_the_crane_does_not_reach_is_refused_with_how_near_it_comes() -> None:
+    asked = clearance("luffing")
+    with pytest.raises(OutOfReach, match="its hook comes no nearer to that in plan than about 6"):
+        asked.place(np.array([50.0, 0.0, 5.0]))
+    with pytest.raises(OutOfReach, match="Lower the point, or take a taller crane"):
+        asked.place(np.array([0.0, -30.0, 100.0]))
+
+
+def test_what_is_made_for_a_tower_crane_refuses_another_one_in_a_sentence() -> None:
+    asked = clearance("overhead")
+    start = crane("overhead").start
+    goal = start._replace(q=start.q + np.eye(5)[0])
+    with pytest.raises(ModelError, match=r"needs a tower crane .* overhead_crane is another one\."):
+        optimal(crane("overhead"), start, goal, LIMITS["overhead"], clearance=asked)
+
+
+@pytest.mark.slow
+def test_lift_off_of_another_crane_is_refused_in_a_sentence() -> None:
+    lift = plan_lift(lift_site("portal"), LIMITS["portal"], crane=crane("portal"))
+    with pytest.raises(ModelError, match="A lift from the ground or to it needs a tower crane"):
+        from_ground(lift)
+
+
+def test_a_boom_that_luffs_about_a_skew_axis_is_refused(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8")
+    # The first swing turns about an axis aside of the hinge of the boom: a plumb load would turn.
+    text = text.replace('<origin xyz="0 -30 0"/>', '<origin xyz="0 -30 0" rpy="0 0 0.6"/>')
+    (tmp_path / "skew.urdf").write_text(text)
+    skew = load_crane(tmp_path / "skew.urdf", locked={"travel_joint": 12.0}, check_axes=False)
+    with pytest.raises(ModelError, match=r"luff_joint turns about an axis at 34\.4° to that"):
+        HoistChain(skew)
+
+
+def test_a_slew_of_less_than_a_turn_reaches_all_of_its_range(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8").replace('lower="-6.3" upper="6.3"', 'lower="3.5" upper="6.0"')
+    (tmp_path / "slew.urdf").write_text(text)
+    part = load_crane(tmp_path / "slew.urdf", locked={"travel_joint": 12.0})
+    asked = ChainClearance(part, Site("test", (), load=LOAD))
+    place = np.array([5.5, 0.9, 20.0])
+    assert_allclose(asked.place(asked.point(place)), place, atol=1e-6)
+
+
+def test_a_link_that_swings_is_not_drawn_for_nothing(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8")
+    shape = "<visual><geometry><box size='1 1 1'/></geometry></visual>"
+    text = text.replace('<link name="swing_r_link">', f'<link name="swing_r_link">{shape}')
+    (tmp_path / "block.urdf").write_text(text)
+    drawn = load_crane(tmp_path / "block.urdf", locked={"travel_joint": 12.0})
+    check = coverage_check(ChainClearance(drawn, Site("test", (), load=LOAD)), frozenset())
+    assert check.verdict is Verdict.NOT_JUDGED
+    assert "swing_r, which swings" in check.sentence
+
+
+def test_a_crane_with_another_drive_is_to_be_locked() -> None:
+    with pytest.raises(ModelError, match=r"has 4 drives: .* Lock the others by locked="):
+        HoistChain(load_crane(PORTAL))
