@@ -786,7 +786,7 @@ def test_a_site_is_driven_by_its_own_chart_unless_another_or_another_crane_is_gi
     charts: list[RatedLoads | None] = []
 
     def page_data(
-        crane: Crane, site: Site | None, chart: RatedLoads | None, meshes: str | None
+        crane: Crane, site: Site | None, chart: RatedLoads | None, *_: object
     ) -> dict[str, Any]:
         charts.append(chart)
         return {}
