@@ -23,7 +23,7 @@ def clearance_of(crane: Crane, site: Site) -> Clearance:
     Raises:
         ModelError: If its joints are no chain of two drives, two swings and a hoist.
     """
-    return TowerClearance(crane, site) if is_tower(crane) else ChainClearance(crane, site)
+    return TowerClearance(crane, site) if has_tower_joints(crane) else ChainClearance(crane, site)
 
 
 def tower_clearance(clearance: Clearance, user: str) -> TowerClearance:
@@ -44,7 +44,7 @@ def tower_clearance(clearance: Clearance, user: str) -> TowerClearance:
     )
 
 
-def is_tower(crane: Crane) -> bool:
+def has_tower_joints(crane: Crane) -> bool:
     """Return whether a crane has the joints of a tower crane, where this project's has them."""
     try:
         refuse_other_kinematics(crane)

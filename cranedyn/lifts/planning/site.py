@@ -104,7 +104,7 @@ def crane_to_site(heading: float) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class SiteCrane:
+class DescribedCrane:
     """Which crane stands on a site, where it is not the tower crane of this project.
 
     Attributes:
@@ -290,7 +290,7 @@ class Site(ShortRepr):
     goal: np.ndarray | None = None
     distance: float = DISTANCE
     swing: float = SWING
-    description: SiteCrane | None = None
+    description: DescribedCrane | None = None
     drives: tuple[SiteDrive, ...] = TOWER_DRIVES
     limits: Limits | None = None
     base: Base | None = None

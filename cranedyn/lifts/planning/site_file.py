@@ -25,9 +25,9 @@ from cranedyn.lifts.planning.site import (
     TOWER_DRIVES,
     Arm,
     Base,
+    DescribedCrane,
     Runway,
     Site,
-    SiteCrane,
     SiteDrive,
 )
 from cranedyn.lifts.planning.site_table import (
@@ -131,7 +131,7 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
     return tables
 
 
-def _description(crane: SiteTable) -> SiteCrane | None:
+def _description(crane: SiteTable) -> DescribedCrane | None:
     """Return which crane [crane] describes; None for the tower crane of this project."""
     named = [field for field in ("kind", "file", "machine") if field in crane.values]
     if len(named) > 1:
@@ -152,7 +152,7 @@ def _description(crane: SiteTable) -> SiteCrane | None:
             crane.fail(field, UnknownName(field, named_crane[field], known))
     driven = crane.take("driven", names_of, [])
     locked = crane.take("locked", positions_of, {})
-    return SiteCrane(**named_crane, driven=tuple(driven), locked=locked)
+    return DescribedCrane(**named_crane, driven=tuple(driven), locked=locked)
 
 
 def _description_file(crane: SiteTable) -> Path:
@@ -167,7 +167,7 @@ def _description_file(crane: SiteTable) -> Path:
     return file
 
 
-def _drives_of(description: SiteCrane, crane: SiteTable) -> tuple[SiteDrive, ...]:
+def _drives_of(description: DescribedCrane, crane: SiteTable) -> tuple[SiteDrive, ...]:
     """Return the drives of a crane that [crane] describes.
 
     Raises:
