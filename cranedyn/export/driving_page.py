@@ -280,6 +280,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "order": order,
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
+        "rest_slope": crane.rest.slope.tolist(),
         "damping": crane.damping.tolist(),
         "friction": _friction_data(crane),
         "rope": _rope_data(crane),

@@ -205,7 +205,7 @@ def _planned(
     rates = motion.v[:, motion.drives]
     power = (motion_efforts(crane, motion) * rates).sum(axis=1)
     power_put_in = np.clip(power, 0.0, None)
-    swings = motion.q[:, crane.swings] - crane.rest.angle
+    swings = crane.swing_angles(motion.q)
     best = Best(
         time=motion.arrival,
         swing=float(np.linalg.norm(swings, axis=1).max()),

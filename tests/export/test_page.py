@@ -110,6 +110,7 @@ def crane_of(kind: str) -> Crane:
         "hook": lambda: load_crane(hook_mass=150.0),
         "elastic": lambda: load_crane(rope_stiffness=2e6, rope_damping=5e3),
         "overhead": lambda: load_crane("urdf/overhead_crane.urdf.xacro"),
+        "luffing": lambda: load_crane("urdf/luffing_crane.urdf.xacro"),
     }[kind]()
 
 
@@ -303,6 +304,31 @@ def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -
     done = in_node(data_of(kind), *(request(name, 1000) for name in names))
     for name, end in zip(names, done, strict=True):
         check_same(end, in_python(kind, name, 1000), 1e-12)
+
+
+@pytest.mark.slow
+def test_the_swing_of_a_luffing_crane_is_that_from_plumb_wherever_its_boom_stands() -> None:
+    # The angle of its rope is measured from the boom, which stands at 69° at the start.
+    crane = crane_of("luffing")
+    still = {"inputs": [], "instants": 1}
+    lowered = {"inputs": [[0, "sticks", [0.0, -1.0, 0.0]]], "instants": 3000}
+    at_start, later = in_node(data_of("luffing"), still, lowered)
+    assert at_start["swing"] == pytest.approx(0.0, abs=1e-12)
+    plumb = np.linalg.norm(crane.swing_angles(np.array(later["q"])))
+    assert later["swing"] == pytest.approx(plumb, abs=1e-12)
+    assert 0.0 < plumb < math.radians(10.0) and later["event"] is None
+
+
+@pytest.mark.slow
+def test_feedback_of_the_state_moves_the_rest_of_the_swing_with_the_boom() -> None:
+    crane = crane_of("luffing")
+    pushed = [[0, "assist", "lqr"], [0, "sticks", [0.0, -1.0, 0.0]], [2000, "sticks", [0.0] * 3]]
+    (done,) = in_node(data_of("luffing"), {"inputs": pushed, "instants": 8000})
+    lowered = crane.start.q[1] - done["q"][1]
+    assert lowered > 0.1
+    # With the rest of the start the controller would hold the load aside with the hoist, by metres.
+    assert done["q"][4] == pytest.approx(crane.start.q[4], abs=0.2)
+    assert done["swing"] < math.radians(2.0)
 
 
 @pytest.mark.slow

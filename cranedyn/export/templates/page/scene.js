@@ -267,10 +267,13 @@ class Scene {
    * where it then hangs [m]: each drive in turn takes the step that brings it nearest.
    * @param {ArrayLike<number>} start @param {number[]} goal */
   reachFor(start, goal) {
-    const {crane: {drives, joints, swings, rest, points}, kinematics} = this, q = Array.from(start);
+    const {crane, kinematics} = this, {drives, joints, swings, points} = crane, q = Array.from(start);
     const {joint, point} = points[points.length - 1];
-    const place = () => (kinematics.move(q), kinematics.point(joint, point));
-    for (const i of swings) q[i] = rest[i];
+    const place = () => {
+      swings.forEach((i, k) => { q[i] = hangingAngle(crane, k, q); });
+      kinematics.move(q);
+      return kinematics.point(joint, point);
+    };
     for (let round = 0; round < 12; round++) {
       for (const i of drives) {
         const here = place();
