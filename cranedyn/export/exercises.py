@@ -27,7 +27,7 @@ GOAL_SLEW = 1.4
 STOP_TEXT = "The load swings. Bring it to rest, anywhere."
 """What the operator has to do where the load swings at the start."""
 
-RING_TEXT = "Bring the load into the green ring, and hold it still there."
+RING_TEXT = "Hold the load still in the green ring."
 """What the operator has to do where there is a goal and nothing else."""
 
 WALL_THICKNESS = 2.0
@@ -141,8 +141,7 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     gap = Exercise(
         name="gap",
         title="Through the gap",
-        text="Take the load through the gap between the walls, and hold it still in the green "
-        "ring.",
+        text="Go through the gap between the walls, and hold the load still in the green ring.",
         start=start,
         goal=_point(GOAL_SLEW, near, low),
         solids=walls,

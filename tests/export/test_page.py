@@ -600,6 +600,31 @@ def test_an_exercise_is_done_when_the_load_is_still() -> None:
     assert best["ring"]["time"] < best["blind"]["time"]
 
 
+@pytest.mark.parametrize(
+    ("roles", "hoist", "order"),
+    [
+        (["slew", "trolley", "hoist"], 2, [0, 1, 2, -1]),
+        (["hoist", "", "trolley"], 0, [1, 2, 0, -1]),
+        (["slew", "", "hoist"], 2, [0, 1, 2, -1]),  # a boom that luffs
+        (["slew", "", "", "hoist"], 3, [0, 1, 3, 2]),  # and is a telescope
+        (["", "", ""], 0, [1, 2, 0, -1]),  # joints with names of their own
+        ([""], None, [0, -1, -1, -1]),
+    ],
+)
+def test_each_of_four_drives_has_a_stick_and_the_rope_goes_along_the_right_one(
+    roles: list[str], hoist: int | None, order: list[int]
+) -> None:
+    joints = [{"role": role} for role in roles]
+    text = (driving_page._TEMPLATES / "input.js").read_text("utf-8")
+    call = f"axesOf({json.dumps(joints)}, {json.dumps(hoist)} ?? undefined)"
+    done = subprocess.run(
+        [NODE or "", "-e", f"{text}\nconsole.log(JSON.stringify({call}));"],
+        capture_output=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == order
+
+
 @pytest.mark.slow
 def test_each_task_with_a_goal_has_the_score_of_a_plan() -> None:
     with_goal = [task for task in planned()["tasks"] if task["goal"]]

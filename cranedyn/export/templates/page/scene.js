@@ -14,7 +14,7 @@ const PATH_POINTS = 150;
 const MAX_WAY = 200;
 
 /** Largest number of points of all lines. */
-const MAX_LINE_POINTS = 640;
+const MAX_LINE_POINTS = 800;
 
 /** Numbers of a vertex: position, normal, colour and body. */
 const VERTEX_FLOATS = 11;
@@ -55,7 +55,17 @@ const SLOW_PICTURES = 10;
 /** Time in which the eye moves from one view to another [s]. */
 const MOVE_SECONDS = 0.6;
 
-const UNIFORMS = ["ahead", "bodies", "camera", "cut", "eye", "ground", "lamp", "night", "right", "shade", "size", "up"];
+/** Time constant with which the picture follows a change of its free part [s]. */
+const FREE_SECONDS = 0.15;
+
+/** Distance at which haze takes half of the light: at least [m], and over the distance of what is looked
+ * at, so that a large crane is seen. */
+const HAZE = {least: 200, ratio: 3};
+
+/** Number of dashes from the load to its goal on the ground. */
+const GOAL_DASHES = 24;
+
+const UNIFORMS = ["ahead", "bodies", "camera", "clear", "cut", "eye", "ground", "lamp", "right", "shade", "size", "up"];
 
 /** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */
 const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
@@ -144,9 +154,8 @@ class Scene {
     this.rope = crane.points.map(() => [0, 0, 0]);
     /** Three rows of each pose: of the world, the joints, the pieces of the rope. */
     this.bodies = new Float32Array(12 * (crane.joints.length + crane.points.length));
-    this.body = this._program("body");
-    this.back = this._program("back");
-    this.line = this._program("line");
+    /** Programs by day and by night, compiled when they are first needed. @type {Programs[]} */
+    this._compiled = [];
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.stencilFunc(gl.EQUAL, 0, 255);
@@ -160,6 +169,8 @@ class Scene {
     /** The part of the picture that nothing covers: its middle and half of its size, where the picture
      * reaches from -1 to 1 and y is up. */
     this.free = {x: 0, y: 0, halfWidth: 1, halfHeight: 1};
+    /** What it is to become. */
+    this.nextFree = {...this.free};
     /** Ray through the middle of the picture, one unit ahead. */
     this.ahead = [0, 0, 0];
     /** Sideways and upward to the edges of the picture, one unit ahead. */
@@ -196,12 +207,21 @@ class Scene {
   /** Position of the load in the world [m]. */
   get load() { return this.rope[this.rope.length - 1]; }
 
-  /** Compile the program of a name and look up its uniforms. @param {string} name */
-  _program(name) {
+  /** All programs, by day (0) or by night (1). @param {number} night */
+  _programs(night) {
+    this._compiled[night] ??= {body: this._program("body", night), back: this._program("back", night),
+      line: this._program("line", night)};
+    return this._compiled[night];
+  }
+
+  /** Compile the program of a name and look up its uniforms. @param {string} name
+   * @param {number} night 0 by day, 1 by night. */
+  _program(name, night) {
     const {gl} = this, program = gl.createProgram();
     /** @param {string} id */
     const text = id => document.getElementById(id)?.textContent ?? "";
-    const head = `#version 300 es\nprecision highp float;\n#define BODIES ${this.bodies.length / 12}\n`;
+    const head = "#version 300 es\nprecision highp float;\n"
+      + `#define BODIES ${this.bodies.length / 12}\n#define NIGHT ${night}.0\n`;
     for (const [type, source] of [[gl.VERTEX_SHADER, text(`${name}_vertex`)],
       [gl.FRAGMENT_SHADER, text("light") + text(`${name}_fragment`)]]) {
       const shader = /** @type {WebGLShader} */ (gl.createShader(Number(type)));
@@ -364,17 +384,18 @@ class Scene {
 
   /** Draw one picture. @param {ArrayLike<number>} q Coordinates [rad or m]. @param {Look} look */
   draw(q, look) {
-    const {gl, bodies} = this, night = Number(look.night), {counts = []} = this;
+    const {gl, bodies, counts = []} = this, programs = this._programs(Number(look.night));
     const passed = this._resize();
     this._move(q);
+    this._moveFree(passed);
     this._aim(q, look.view, passed);
     const grounded = this._layLines(look);
     gl.clear(gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.disable(gl.DEPTH_TEST);
-    this._use(this.back, night);
+    this._use(programs.back);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
 
-    const body = this._use(this.body, night);
+    const body = this._use(programs.body);
     gl.uniformMatrix3x4fv(body.bodies, false, bodies);
     this._array.bind();
     // Each pixel is darkened once; the shadow of the load, the darker one, comes first.
@@ -384,10 +405,10 @@ class Scene {
     gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.35 : 0.2);
     gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
     gl.disable(gl.STENCIL_TEST);
-    this._drawLines(0, grounded);
+    this._drawLines(programs.line, 0, grounded);
 
     gl.enable(gl.DEPTH_TEST);
-    this._use(this.body, night);
+    this._use(programs.body);
     this._array.bind();
     gl.uniform4f(body.shade, 0, 0, 0, 0);
     gl.uniform4f(body.cut, 0, 0, 0, 0);
@@ -398,17 +419,17 @@ class Scene {
     gl.drawArrays(gl.TRIANGLES, counts[1], counts[2] - counts[1]);
     gl.depthMask(false);
     gl.drawArrays(gl.TRIANGLES, counts[2], counts[3] - counts[2]);
-    this._drawLines(grounded, this._lineCount);
+    this._drawLines(programs.line, grounded, this._lineCount);
     gl.depthMask(true);
   }
 
-  /** Use a program, with what all of them know. @param {{program: WebGLProgram,
-   * uniforms: Record<string, WebGLUniformLocation | null>}} program @param {number} night */
-  _use({program, uniforms}, night) {
+  /** Use a program, with what all of them know. @param {Program} program */
+  _use({program, uniforms}) {
     const {gl, canvas} = this;
     gl.useProgram(program);
-    gl.uniform1f(uniforms.night, night);
     gl.uniform1f(uniforms.ground, this.crane.ground);
+    const distance = Math.hypot(...this.eye.map((x, k) => x - this.target[k]));
+    gl.uniform1f(uniforms.clear, Math.max(HAZE.least, HAZE.ratio * distance));
     gl.uniform3fv(uniforms.lamp, this.rope[0]);
     for (const name of /** @type {const} */ (["eye", "ahead", "right", "up"])) gl.uniform3fv(uniforms[name], this[name]);
     gl.uniformMatrix4fv(uniforms.camera, false, this.camera);
@@ -434,6 +455,14 @@ class Scene {
     return passed / 1000;
   }
 
+  /** Let the free part of the picture follow what it is to become. @param {number} passed [s] */
+  _moveFree(passed) {
+    const {free, nextFree} = this, share = this._view ? 1 - Math.exp(-passed / FREE_SECONDS) : 1;
+    for (const key of /** @type {const} */ (["x", "y", "halfWidth", "halfHeight"])) {
+      free[key] += share * (nextFree[key] - free[key]);
+    }
+  }
+
   /** Set eye and target of a view, and move there from the view before.
    * @param {ArrayLike<number>} q @param {string} view @param {number} passed [s] */
   _aim(q, view, passed) {
@@ -451,6 +480,7 @@ class Scene {
     }
     this._turnJib();
     const [dx, dy] = this.jib, zoom = this._zoom;
+    const box = this.corners.map(([u, w, z]) => [u * dx - w * dy, u * dy + w * dx, z]);
     if (view === "cabin") {
       const along = this.boom < 0 ? 0 : crane.joints[this.boom].lower - q[this.boom];
       const [right, up] = [-1.9 * scale, -0.7 * scale];
@@ -463,12 +493,11 @@ class Scene {
     } else if (view === "top") {
       // Not straight above, so that -Y, along the jib at the start, is up.
       const low = [middle[0] - reach, middle[1] - reach, crane.ground];
-      const box = boxCorners(low, [middle[0] + reach, middle[1] + reach, crane.ground + height]);
-      this._fit(box, [0, -1e-3, -1], aspect);
+      const circle = boxCorners(low, [middle[0] + reach, middle[1] + reach, crane.ground + height]);
+      this._fit(turning ? circle : box, [0, -1e-3, -1], aspect);
     } else if (view === "side") {
       const low = this.corners[0], high = this.corners[7], across = high[1] - low[1] > high[0] - low[0];
       const [a, b, up] = turning ? SQUARE_TO_JIB : OBLIQUE, [along, left] = across ? [b, a] : [a, b];
-      const box = this.corners.map(([u, w, z]) => [u * dx - w * dy, u * dy + w * dx, z]);
       this._fit(box, [along * dx - left * dy, along * dy + left * dx, up], aspect);
     } else {
       const {yaw, pitch, distance} = this._orbit, flat = distance * Math.cos(pitch);
@@ -566,6 +595,18 @@ class Scene {
     return w > 0.3 * this.scale ? [(1 + u / w) / 2 * canvas.clientWidth, (1 - v / w) / 2 * canvas.clientHeight] : null;
   }
 
+  /** Way in the window from the middle of its free part to a point [m]: to the right and down
+   * [pixels]. Behind the eye it is as long as the window, in the direction to turn to.
+   * @param {number[]} point */
+  wayTo([x, y, z]) {
+    const {camera: m, free, canvas: {clientWidth, clientHeight}} = this;
+    const [u, v, w] = [0, 1, 3].map(k => m[k] * x + m[4 + k] * y + m[8 + k] * z + m[12 + k]);
+    const way = [(u - free.x * w) * clientWidth / 2, -(v - free.y * w) * clientHeight / 2];
+    if (w > 0.3 * this.scale) return way.map(pixels => pixels / w);
+    const length = Math.hypot(...way) || 1;
+    return way.map(pixels => pixels / length * (clientWidth + clientHeight));
+  }
+
   /** Lay out all lines; return how many of their points lie on the ground. @param {Look} look */
   _layLines({goal, radius, aim, night, t}) {
     const {load, crane: {ground}, _path: path, rope: [pivot], _colours: [orange, green, blue]} = this;
@@ -581,7 +622,16 @@ class Scene {
     if (goal) this._ring(goal, ground, radius, green);
     if (aim) this._ring(aim, ground, 0.5, blue);
     this._ring(load, ground, 0.35 * this.scale, ink);
+    for (let i = 0; goal && i < GOAL_DASHES; i++) {
+      for (const [share, width] of [[i / GOAL_DASHES, 2.2], [(i + 0.5) / GOAL_DASHES, 0]]) {
+        const [x, y] = load.map((from, k) => from + share * (goal[k] - from));
+        this._point(x, y, ground, width, green, 0.8);
+      }
+    }
     const grounded = this._lineCount;
+    // From afar the rope is thinner than a pixel.
+    this.rope.forEach(([x, y, z], i) =>
+      this._point(x, y, z, i < this.rope.length - 1 ? 1.6 : 0, night ? [0.3, 0.3, 0.3] : ink, 1));
     // A plumb line below the trolley shows the swing, one below the load where it is.
     for (let z = pivot[2]; z > ground; z -= 0.9) {
       this._point(pivot[0], pivot[1], z, 1, ink, 0.4);
@@ -621,10 +671,11 @@ class Scene {
     }
   }
 
-  /** Draw the lines between points. @param {number} first @param {number} last */
-  _drawLines(first, last) {
+  /** Draw the lines between points. @param {Program} program @param {number} first
+   * @param {number} last */
+  _drawLines(program, first, last) {
     const {gl} = this;
-    this._use(this.line, 0);
+    this._use(program);
     this._lineArray.bind(first);
     if (!first) gl.bufferSubData(gl.ARRAY_BUFFER, 0, this._lines);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, last - first - 1);
