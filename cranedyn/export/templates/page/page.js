@@ -37,7 +37,7 @@ const LABEL_SIZE = [34, 18];
 const NO_TASK = "free";
 
 /** What an operator has to do without a task. */
-const NO_TASK_TEXT = "Move the load with the two sticks below, and watch it swing.";
+const NO_TASK_TEXT = "Move the load with the sticks below, and watch it swing.";
 
 const DEGREES = 180 / Math.PI;
 
