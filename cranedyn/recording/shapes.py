@@ -62,6 +62,10 @@ _MAX_STICK_RADIUS = 0.2
 _MAX_RAIL = 100.0
 """Largest coordinate to which the rail of a sliding joint is drawn [m]; ranges may be endless."""
 
+_OVERHANG_RATIO = 0.05
+"""Share of its length by which a rail on legs is longer at each end, so that what hangs from it at
+an end is not inside of a leg."""
+
 _SAG_POINTS = 9
 """Number of points with which a rope that sags is drawn."""
 
@@ -390,7 +394,10 @@ def _joint_lines(joint: ET.Element, *, on_ground: bool) -> list[tuple[np.ndarray
     rail = (first, last)
     if on_ground and min(first[2], last[2]) > 0.0:
         # A raised rail stands on two legs.
-        return [rail, (first * [1, 1, 0], first), (last * [1, 1, 0], last)]
+        overhang = _OVERHANG_RATIO * (last - first)
+        first = first - overhang
+        last = last + overhang
+        return [(first, last), (first * [1, 1, 0], first), (last * [1, 1, 0], last)]
     # The rail hangs on its link where it is nearest to the origin of that.
     nearest = place + np.clip(-place @ direction, lower, upper) * direction
     return [rail] if np.allclose(nearest, 0.0) else [rail, (np.zeros(3), nearest)]

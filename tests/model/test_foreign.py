@@ -441,9 +441,10 @@ def test_a_crane_that_shows_nothing_is_drawn_with_its_rails_where_its_joints_sli
         ends.append((points.min(axis=0), points.max(axis=0)))
     thick = 0.4
     expected = [
-        ([0.0, 0.0, 12.0], [60.0, 0.0, 12.0]),  # the runway
-        ([0.0, 0.0, 0.0], [0.0, 0.0, 12.0]),  # its legs
-        ([60.0, 0.0, 0.0], [60.0, 0.0, 12.0]),
+        # The runway, on legs beyond its ends: a load that hangs at an end is in none of them.
+        ([-3.0, 0.0, 12.0], [63.0, 0.0, 12.0]),
+        ([-3.0, 0.0, 0.0], [-3.0, 0.0, 12.0]),
+        ([63.0, 0.0, 0.0], [63.0, 0.0, 12.0]),
         ([20.0, -9.0, 12.0], [20.0, 9.0, 12.0]),  # the bridge, where it has travelled
         ([20.0, 3.0, 12.0], [20.0, 3.0, 12.0]),  # the cart
         ([20.0, 3.0, 12.0], [20.0, 3.0, 12.0]),  # what swings below it, which has no size
