@@ -27,7 +27,7 @@ GOAL_SLEW = 1.4
 STOP_TEXT = "The load swings. Bring it to rest, anywhere."
 """What the operator has to do where the load swings at the start."""
 
-RING_TEXT = "Hold the load still in the green ring."
+RING_TEXT = "Bring the load to rest in the green ring."
 """What the operator has to do where there is a goal and nothing else."""
 
 WALL_THICKNESS = 2.0
@@ -141,7 +141,7 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     gap = Exercise(
         name="gap",
         title="Through the gap",
-        text="Go through the gap between the walls, and hold the load still in the green ring.",
+        text="Go through the gap between the walls, and bring the load to rest in the green ring.",
         start=start,
         goal=_point(GOAL_SLEW, near, low),
         solids=walls,
@@ -152,7 +152,7 @@ def exercises(crane: Crane, limits: Limits) -> Iterator[Exercise]:
     blind = Exercise(
         name="blind",
         title="Blind behind the wall",
-        text="Hold the load still in the green ring behind the house. The cabin is your only view: "
+        text="Bring the load to rest in the ring behind the house. The cabin is your only view: "
         "watch the shadow.",
         start=start,
         goal=_point(GOAL_SLEW, near, low),

@@ -390,16 +390,24 @@ def with_tasks() -> dict[str, Any]:
 def places(driver: Any, *points: list[float]) -> tuple[np.ndarray, dict[str, float]]:
     """Places of points in the window, and the part of it that panels leave free [pixels]."""
     seen, free = driver.execute_script(
-        "const {scene, look, state: {q}} = page; scene._blend = 1; scene.free = scene.nextFree;"
-        "scene.draw(q, look); return [arguments[0].map(point => scene.project(point)), page.free]",
+        "const {scene, look, state: {q}} = page; scene.draw(q, look); scene._blend = 1;"
+        "scene.free = {...scene.nextFree}; scene.draw(q, look);"
+        "return [arguments[0].map(point => scene.project(point)), page.free]",
         points,
     )
     return np.array(seen), free
 
 
 def check_seen(driver: Any, *points: list[float]) -> None:
-    """Check that points are before the eye, and that no panel hides them."""
-    seen, free = places(driver, *points)
+    """Check that points are before the eye, that no panel hides them, and that what the eye looks
+    at is in the middle of the free part.
+    """
+    places(driver)  # the eye has come to its place
+    looked_at = driver.execute_script("return page.scene.target")
+    (target, *others), free = places(driver, looked_at, *points)
+    middle = (free["left"] + free["right"]) / 2.0, (free["top"] + free["bottom"]) / 2.0
+    assert target == pytest.approx(middle, abs=0.5)  # pixels
+    seen = np.array(others)
     assert (seen > [free["left"], free["top"]]).all(), (seen, free)
     assert (seen < [free["right"], free["bottom"]]).all(), (seen, free)
 
@@ -485,11 +493,13 @@ return texts;
 
 
 @browser
-def test_on_a_phone_no_texts_overlap_and_what_a_finger_presses_has_44_pixels(
+def test_on_a_phone_no_texts_overlap_the_crane_is_seen_and_what_a_finger_presses_has_44_pixels(
     driver: Any, tmp_path: Path
 ) -> None:
     with opened(driver, tmp_path / "page.html", with_tasks(), 390, 844, phone=True):
         reset_and_pause(driver)
+        goal, load = driver.execute_script("return [page.look.goal, page.scene.load]")
+        check_seen(driver, goal, load, [0.0, 0.0, 0.0], [0.0, -22.0, 28.0])
         panels = ["tasks", "reading", "charts", "lesson", "settings"]
         for panel in panels:
             driver.execute_script("document.getElementById(arguments[0]).open = true", panel)
@@ -497,6 +507,11 @@ def test_on_a_phone_no_texts_overlap_and_what_a_finger_presses_has_44_pixels(
                 f"document.querySelectorAll('#panels details[open]').length === 1 && {panel}.open"
             )
             wait(driver, others)
+            # Two pictures later, what points into the picture has moved with its free part.
+            driver.execute_async_script(
+                "const [done] = arguments, next = requestAnimationFrame;"
+                "next(() => next(() => next(done)))"
+            )
             texts = driver.execute_script(TEXTS)
             assert len(texts) > 20
             for (a, *first), (b, *second) in itertools.combinations(texts, 2):

@@ -30,6 +30,10 @@ const POINTER_MARGIN = [60, 40];
 /** Room that the pointer leaves free for a load beside and above the goal [pixels]. */
 const POINTER_ROOM = [70, 90];
 
+/** Distance of the middle of a label from the pointer, sideways and upward, at which they do not overlap
+ * [pixels]. */
+const POINTER_SIZE = [80, 46];
+
 /** Room that a label of a distance takes [pixels]. */
 const LABEL_SIZE = [34, 18];
 
@@ -55,8 +59,7 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
-/** Change the text of an element. The same text again would have it laid out and drawn again, which takes
- * as long as the picture where no graphics processor draws. @param {Element} element @param {string} text */
+/** Change the text of an element. The same text again would have it laid out and drawn again. @param {Element} element @param {string} text */
 function setText(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }
@@ -485,10 +488,12 @@ class Page {
     const wide = innerWidth > NARROW, footer = box(byId("transport"));
     const above = wide ? ["messages"].map(byId) : [byId("top"), ...document.querySelectorAll("#panels details[open] > div")];
     let top = Math.max(...above.map(panel => box(panel).bottom)), bottom = footer.top;
-    if (bottom - top < LEAST_FREE * innerHeight) [top, bottom] = [0, innerHeight];
     const left = wide ? box(byId("left")).right : 0, right = wide ? box(byId("right")).left : innerWidth;
-    /** Free part of the window [pixels]. */
-    this.free = {left, right, top, bottom};
+    const covered = bottom - top < LEAST_FREE * innerHeight;
+    /** Free part of the window, in which pointer and labels are [pixels]; null where panels lie on the
+     * picture. */
+    this.free = covered ? null : {left, right, top, bottom};
+    if (covered) [top, bottom] = [0, innerHeight];
     if (!this.scene) return;
     this.scene.nextFree = {x: (left + right) / innerWidth - 1, y: 1 - (top + bottom) / innerHeight,
       halfWidth: (right - left) / innerWidth, halfHeight: (bottom - top) / innerHeight};
@@ -501,6 +506,8 @@ class Page {
     const {scene, look: {goal, radius}, free, task} = this, pointer = byId("pointer");
     const hidden = !scene || !goal || !free || !state || state.task?.done === true || !task;
     if (pointer.hidden !== hidden) pointer.hidden = hidden;
+    /** Where the pointer is in the window [pixels]; null where there is none. @type {number[] | null} */
+    this.pointed = null;
     if (hidden || !scene || !goal || !free) return;
     const [x, y] = scene.wayTo(goal);
     const [halfWidth, halfHeight] = [free.right - free.left, free.bottom - free.top].map((size, k) =>
@@ -518,6 +525,7 @@ class Page {
     const left = (free.left + free.right) / 2 + share * x;
     const top = (free.top + free.bottom) / 2 + share * y - (below ? -POINTER_DISTANCE : seen ? POINTER_DISTANCE : 0);
     setPlace(pointer, left, top);
+    this.pointed = [left, top];
   }
 
   /** Drive recorded inputs again. @param {HTMLInputElement} chooser */
@@ -622,13 +630,17 @@ class Page {
     }
   }
 
-  /** Place the labels of distances on the ground where they are seen and do not overlap. */
+  /** Place the labels of distances on the ground where they are seen and overlap neither each other nor
+   * the pointer. */
   _placeLabels() {
-    const {scene, free, labels = []} = this, taken = /** @type {number[][]} */ ([]);
+    const {scene, free, pointed, labels = []} = this, taken = /** @type {number[][]} */ ([]);
+    /** Whether a label would be on the pointer. @param {number[]} place */
+    const onPointer = place => pointed && Math.abs(place[0] + LABEL_SIZE[0] / 2 - pointed[0]) < POINTER_SIZE[0]
+      && Math.abs(place[1] + LABEL_SIZE[1] / 2 - pointed[1]) < POINTER_SIZE[1];
     for (const {point, span} of labels) {
       const place = scene?.project(point);
       const shown = place && free && place[0] > free.left && place[0] < free.right - LABEL_SIZE[0]
-        && place[1] > free.top && place[1] < free.bottom - LABEL_SIZE[1]
+        && place[1] > free.top && place[1] < free.bottom - LABEL_SIZE[1] && !onPointer(place)
         && taken.every(([x, y]) => Math.abs(x - place[0]) > LABEL_SIZE[0] || Math.abs(y - place[1]) > LABEL_SIZE[1]);
       if (span.hidden !== !shown) span.hidden = !shown;
       if (!place || !shown) continue;
@@ -643,8 +655,8 @@ class Page {
     this.worker.postMessage({type: "sticks", values: this.hands.sticks()});
     look.t = state?.t ?? 0;
     scene?.draw(state?.q ?? this.data.crane.start, look);
-    this._placeLabels();
     this._pointToGoal(state);
+    this._placeLabels();
     if (state && this._frames++ % 3 === 0) {
       this._write(state);
       this.strips.draw(byId("lesson").open || this.assist === "none");

@@ -16,6 +16,9 @@ const MAX_WAY = 200;
 /** Largest number of points of all lines. */
 const MAX_LINE_POINTS = 800;
 
+/** Least width of a line where fewer pixels are drawn than the screen has [pixels]: a thinner one has gaps. */
+const LEAST_WIDTH = 1.2;
+
 /** Numbers of a vertex: position, normal, colour and body. */
 const VERTEX_FLOATS = 11;
 
@@ -657,7 +660,7 @@ class Scene {
     const to = this._lines, i = LINE_FLOATS * this._lineCount;
     if (this._lineCount >= MAX_LINE_POINTS) return;
     [to[i], to[i + 1], to[i + 2]] = [x, y, z];
-    to[i + 3] = width * this.canvas.width / this.canvas.clientWidth;
+    to[i + 3] = width && Math.max(LEAST_WIDTH, width * this.canvas.width / this.canvas.clientWidth);
     [to[i + 4], to[i + 5], to[i + 6], to[i + 7]] = [colour[0], colour[1], colour[2], alpha];
     this._lineCount++;
   }
