@@ -39,21 +39,25 @@ from selenium import webdriver
 
 options = webdriver.ChromeOptions()
 options.binary_location = shutil.which("chromium")
-flags = "headless no-sandbox use-gl=angle use-angle=swiftshader enable-unsafe-swiftshader window-size=960,640"
+flags = "headless no-sandbox use-gl=angle use-angle=swiftshader enable-unsafe-swiftshader window-size=1260,840"
 for flag in flags.split():
     options.add_argument(f"--{flag}")
 driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
 driver.get(Path(sys.argv[1]).resolve().as_uri())
-driver.execute_script("[...document.querySelectorAll('#views button')].find(b => b.textContent == 'side').click()")
+# A screenshot takes long, so that the crane moves at a third of its speed meanwhile.
+driver.execute_script("page.act('free'); page.worker.postMessage({type: 'speed', factor: 0.33})")
 event = "document.body.dispatchEvent(new KeyboardEvent(arguments[0], {code: arguments[1], bubbles: true}))"
 presses = [(1.0, "keydown", "KeyW"), (5.0, "keyup", "KeyW"), (13.0, "keydown", "ArrowLeft"), (17.0, "keyup", "ArrowLeft")]
 times, frames = [], []
 while not times or times[-1] < 25.0:
-    times.append(driver.execute_script("return page.state ? page.state.t : 0"))
-    while presses and times[-1] >= presses[0][0]:
+    time = driver.execute_script("return page.state ? page.state.t : 0")
+    while presses and time >= presses[0][0]:
         driver.execute_script(event, *presses.pop(0)[1:])
-    picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB").resize((576, 384))
-    frames.append(picture.quantize(24, method=Image.Quantize.MEDIANCUT, dither=Image.Dither.NONE))
+    if times and time < times[-1] + 0.6:
+        continue
+    times.append(time)
+    picture = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB").resize((600, 400))
+    frames.append(picture.quantize(40, method=Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE))
 driver.quit()
 durations = [round(1000 * (after - before)) for before, after in zip(times, times[1:])]
 frames[0].save(sys.argv[2], save_all=True, append_images=frames[1:-1], duration=durations, loop=0, optimize=True)

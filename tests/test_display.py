@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import sys
 from pathlib import Path
 
@@ -154,6 +155,21 @@ def contrast(colour: str, paper: str) -> float:
     return (light + 0.05) / (dark + 0.05)
 
 
+def cielab(colour: str) -> np.ndarray:
+    """Return lightness, green-red and blue-yellow of a hex colour (CIE 1976, white D65)."""
+    channels = np.array(rgb(colour)) / 255.0
+    linear = np.where(channels <= 0.04045, channels / 12.92, ((channels + 0.055) / 1.055) ** 2.4)
+    # IEC 61966-2-1, divided by the white point.
+    to_xyz = [
+        [0.4338906, 0.3762349, 0.1899105],
+        [0.2126729, 0.7151522, 0.0721750],
+        [0.0177254, 0.1094753, 0.8729554],
+    ]
+    xyz = to_xyz @ linear
+    x, y, z = np.where(xyz > 216 / 24389, np.cbrt(xyz), (24389 / 27 * xyz + 16) / 116)
+    return np.array([116 * y - 16, 500 * (x - y), 200 * (y - z)])
+
+
 def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
     names = ("one", "two", "three")
     figure = plot_runs(dict.fromkeys(names, run))
@@ -177,14 +193,27 @@ def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_a
     assert len(set(RUN_COLOURS)) == len(RUN_COLOURS)
 
 
-def test_no_two_coordinates_of_a_crane_share_a_colour_with_each_other_or_the_energy() -> None:
-    symbols = ["bridge", "cart", "sx", "sy", "rope", "phi", "l"]
+@pytest.mark.parametrize(
+    "symbols",
+    [
+        ["bridge", "cart", "sx", "sy", "rope", "luff", "boom", "sling", "yaw"],
+        ["bridge", "cart", "sx", "sy", "rope", "phi", "l"],
+        ["bridge", "x", "phi", "theta", "l"],
+    ],
+)
+def test_no_two_coordinates_of_a_crane_have_colours_that_look_alike_or_like_the_energy(
+    symbols: list[str],
+) -> None:
     colours = distinct_colours(symbols)
-    assert list(colours) == ["phi", "l", "bridge", "cart", "sx", "sy", "rope"]
-    assert len(set(colours.values())) == len(symbols)
-    assert colours["phi"] == COLOURS["phi"] and COLOURS["energy"] not in colours.values()
+    assert set(colours) == set(symbols)
+    for symbol in COLOURS.keys() & colours:
+        assert colours[symbol] == COLOURS[symbol]
     for colour in colours.values():
         assert min(contrast(colour, paper) for paper in ("#FFFFFF", "#000000")) >= 3.0
+    beside = [COLOURS[name] for name in ("energy", "dissipated", "setpoint")]
+    for first, second in itertools.combinations([*colours.values(), *beside], 2):
+        # Two patches side by side are told apart from 2 on; thin lines need ten times as much.
+        assert np.linalg.norm(cielab(first) - cielab(second)) > 20.0, (first, second)
 
 
 @pytest.mark.slow

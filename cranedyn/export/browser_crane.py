@@ -312,6 +312,8 @@ def _lqr_data(crane: Crane, drives: Converters, lengths: Sequence[float]) -> dic
         "lengths": list(lengths),
         "gains": gains,
         "rest": crane.resting(crane.start.q).tolist(),
+        "swings": crane.swings.tolist(),
+        "rest_slope": crane.rest.slope.tolist(),
     }
 
 

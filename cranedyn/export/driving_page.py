@@ -47,7 +47,13 @@ from cranedyn.export.browser_crane import (
     usual_limits,
     variations,
 )
-from cranedyn.export.exercises import SWING, Exercise, exercises, lift_exercise
+from cranedyn.export.exercises import (
+    SWING,
+    Exercise,
+    exercises,
+    lift_exercise,
+    simple_exercises,
+)
 from cranedyn.export.target import check_free, name_default_rates, new_file
 from cranedyn.interfaces import Controller
 from cranedyn.lifts.judging.chart import RatedLoads, read_chart
@@ -292,6 +298,7 @@ def _crane_data(crane: Crane, drives: Converters) -> dict[str, Any]:
         "order": order,
         "swings": crane.swings.tolist(),
         "rest": rest.tolist(),
+        "rest_slope": crane.rest.slope.tolist(),
         "damping": crane.damping.tolist(),
         "friction": _friction_data(crane),
         "rope": _rope_data(crane),
@@ -547,9 +554,9 @@ def _solids_data(solids: Sequence[Solid]) -> list[dict[str, Any]]:
 
 
 def _exercises(crane: Crane, drives: Converters, site: Site | None) -> list[Exercise]:
-    """Return the exercises for a tower crane; on a site only its lift."""
+    """Return the exercises; on a site only the lift of a tower crane."""
     if not is_tower(crane):
-        return []
+        return list(simple_exercises(crane)) if site is None else []
     limits = usual_limits(drives)
     if site is None:
         return list(exercises(crane, limits))
@@ -582,6 +589,7 @@ def _tasks(
             "parts": _parts_of_all(solids) or None,
             "solids": _solids_data(solids) or None,
             "best": None if exercise.best is None else asdict(exercise.best),
+            "no_best": exercise.no_best,
         }
 
 

@@ -67,14 +67,18 @@ _OTHER_COLOURS = (
     "#D55E00",
     "#009E73",
     "#B87800",
-    "#2E8BC0",
     "#7A5FC0",
-    "#E0341A",
-    "#9A6A00",
-    "#008C66",
+    "#C8205A",
+    "#5E9A00",
+    "#8C5A3C",
+    "#00939C",
 )
-"""Hex colours of the coordinates of other cranes: none is that of the energy, or grey as setpoints
-and limits are, beside which they are drawn."""
+"""Hex colours of the coordinates of other cranes. Any two of them are at least 25 apart in CIELAB,
+and as far from the colours of energy, losses, setpoints and limits, beside which they are drawn."""
+
+_LOOKALIKES = {"#2E8BC0": "#0072B2"}
+"""Colour of `_OTHER_COLOURS` that is too like a colour of `COLOURS`, by the latter: blue and the
+sky blue of the tangential swing are only 12 apart in CIELAB."""
 
 GREEK = {"gamma": "γ", "phi": "φ", "theta": "θ"}
 """Letters of coordinates by their symbols."""
@@ -102,11 +106,14 @@ def colour_of(quantity: str) -> str:
 
 def distinct_colours(quantities: Iterable[str]) -> dict[str, str]:
     """Return hex colours of quantities that one picture shows: those of `COLOURS` for its names,
-    and for other names in their order those that none of these has. They repeat after nine others.
+    and for other names in their order those that none of these has or is like. They repeat after
+    eight or nine others.
     """
     names = list(dict.fromkeys(quantities))
     result = {name: COLOURS[name] for name in names if name in COLOURS}
     taken = set(result.values())
+    for colour in result.values():
+        taken.add(_LOOKALIKES.get(colour, colour))
     free = [colour for colour in _OTHER_COLOURS if colour not in taken]
     others = [name for name in names if name not in COLOURS]
     for i, name in enumerate(others):

@@ -15,7 +15,7 @@ from matplotlib.collections import PolyCollection
 from cranedyn.data.files import atomic_write, with_ending
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.plotting.figures import panels
-from cranedyn.plotting.style import COLOURS, LINE_STYLES
+from cranedyn.plotting.style import distinct_colours
 from cranedyn.recording.contents import Run, colours
 from cranedyn.recording.series import joint_label
 from cranedyn.recording.shapes import CONTACT, touching_points
@@ -41,6 +41,9 @@ _CLOSE_UP_REACH = 3.0
 
 _CLOSE_UP_SHARE = 0.25
 """Largest reach of the close-up over the height of the scene, for small cranes."""
+
+_SWING_STYLES = ("-", "--", ":", "-.")
+"""Line styles of the angles that swing, in their order."""
 
 _EXTENT_ROWS = 30
 """Number of rows of a run, about, that show how far a crane goes; to draw all would take long."""
@@ -232,19 +235,22 @@ class _Stage:
         )
 
     def _plot_swings(self) -> None:
-        """Plot the angles of the joints that swing, of several runs in the colours of the runs."""
+        """Plot the angles of the joints that swing: those of a single run in a colour each, those
+        of several runs in the colours of the runs and a line style each.
+        """
         several = len(self._runs) > 1
         run_colours = colours([run for run, _ in self._runs])
         for (run, _), colour in zip(self._runs, run_colours, strict=True):
-            for joint in run.crane.layout.joints:
-                if joint.driven or joint.kind != "revolute":
-                    continue
+            layout = run.crane.layout
+            coordinate_colours = distinct_colours(layout.symbols)
+            swings = [j for j in layout.joints if not j.driven and j.kind == "revolute"]
+            for i, joint in enumerate(swings):
                 label = joint_label(joint)
                 self._swing.plot(
                     run.trajectory.t,
                     np.degrees(run.trajectory.coordinates(joint.symbol)),
-                    color=colour if several else COLOURS.get(joint.symbol, colour),
-                    linestyle=LINE_STYLES.get(joint.symbol, "-"),
+                    color=colour if several else coordinate_colours[joint.symbol],
+                    linestyle=_SWING_STYLES[i % len(_SWING_STYLES)],
                     label=f"{label} · {run.name}" if several else label,
                 )
 

@@ -400,8 +400,8 @@ def _line(curve: Curve, run: str, run_colour: str, layout: Layout) -> rrb.visual
 
     Where many rows share a pixel, efforts and energies show their extremes, the others their mean.
     """
-    colours_of_joints = distinct_colours(layout.symbols)
-    colour = colours_of_joints.get(curve.quantity) or colour_of(curve.quantity)
+    coordinate_colours = distinct_colours(layout.symbols)
+    colour = coordinate_colours.get(curve.quantity) or colour_of(curve.quantity)
     # Black would not be seen in a dark viewer.
     colour = colour.replace("#000000", "#9A9A9A")
     if run:

@@ -59,6 +59,13 @@ _STICK_RATIO = 0.01
 _MAX_STICK_RADIUS = 0.2
 """Largest radius of sticks [m]: rails are long, and what they carry would be hidden behind them."""
 
+_MAX_RAIL = 100.0
+"""Largest coordinate to which the rail of a sliding joint is drawn [m]; ranges may be endless."""
+
+_OVERHANG_RATIO = 0.05
+"""Share of its length by which a rail on legs is longer at each end, so that what hangs from it at
+an end is not inside of a leg."""
+
 _SAG_POINTS = 9
 """Number of points with which a rope that sags is drawn."""
 
@@ -338,50 +345,71 @@ def _rope_links(robot: ET.Element) -> set[str]:
 
 
 def _sticks(robot: ET.Element, links: Collection[str]) -> dict[str, list[Shape]]:
-    """Return cylinders from the origin of each link to its child joints, or as far as their links
-    slide; a ball for a joint near the origin.
+    """Return cylinders that stand for links: from the origin of each to its joints, and rails as
+    long as its joints slide. A ball stands for a joint near the origin.
     """
-    ends: dict[str, list[np.ndarray]] = {link: [] for link in links}
+    children = {child.get("link", "") for child in robot.iterfind("joint/child")}
+    lines: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {link: [] for link in links}
     for joint in robot.iterfind("joint"):
         parent = joint.find("parent")
         if parent is not None and parent.get("link", "") in links:
-            ends[parent.get("link", "")].append(_stick_end(joint))
+            link = parent.get("link", "")
+            lines[link] += _joint_lines(joint, on_ground=link not in children)
 
     longest = 0.0
-    for link_ends in ends.values():
-        for end in link_ends:
-            longest = max(longest, float(np.linalg.norm(end)))
+    for link_lines in lines.values():
+        for start, end in link_lines:
+            longest = max(longest, float(np.linalg.norm(end - start)))
     radius = min(_STICK_RATIO * longest or _STICK_RATIO, _MAX_STICK_RADIUS)
 
     result = dict[str, list[Shape]]()
-    for link, link_ends in ends.items():
-        result[link] = [_stick(end, radius) for end in link_ends]
+    for link, link_lines in lines.items():
+        result[link] = [_stick(start, end, radius) for start, end in link_lines]
     return result
 
 
-def _stick_end(joint: ET.Element) -> np.ndarray:
-    """Return the place of a joint in the frame of its parent link [m], or of its link where that
-    has slid to its upper limit, shape (3,).
+def _joint_lines(joint: ET.Element, *, on_ground: bool) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the lines that lead to a joint in the frame of its parent link, as pairs of ends [m].
+
+    Args:
+        joint: The joint.
+        on_ground: Whether the parent link is the root, whose origin lies on the ground.
     """
     origin = joint.find("origin")
     pose = {} if origin is None else origin.attrib
-    end = np.array(_floats(pose.get("xyz", "0 0 0")))
+    place = np.array(_floats(pose.get("xyz", "0 0 0")))
     limit = joint.find("limit")
     if joint.get("type") != "prismatic" or limit is None:
-        return end
+        return [(np.zeros(3), place)]
     axis = joint.find("axis")
     # The axis of a joint is X if the URDF names none.
     direction = np.array(_floats("1 0 0" if axis is None else axis.get("xyz", "1 0 0")))
     direction = Rotation.from_euler("xyz", _floats(pose.get("rpy", "0 0 0"))).apply(direction)
-    return end + direction / np.linalg.norm(direction) * float(limit.get("upper", "0"))
+    direction /= np.linalg.norm(direction)
+    lower, upper = np.clip(
+        [float(limit.get("lower", "0")), float(limit.get("upper", "0"))], -_MAX_RAIL, _MAX_RAIL
+    )
+    first = place + lower * direction
+    last = place + upper * direction
+    rail = (first, last)
+    if on_ground and min(first[2], last[2]) > 0.0:
+        # A raised rail stands on two legs.
+        overhang = _OVERHANG_RATIO * (last - first)
+        first = first - overhang
+        last = last + overhang
+        return [(first, last), (first * [1, 1, 0], first), (last * [1, 1, 0], last)]
+    # The rail hangs on its link where it is nearest to the origin of that.
+    nearest = place + np.clip(-place @ direction, lower, upper) * direction
+    return [rail] if np.allclose(nearest, 0.0) else [rail, (np.zeros(3), nearest)]
 
 
-def _stick(end: np.ndarray, radius: float) -> Shape:
-    """Return a cylinder from the origin to a point [m]; a ball if the point is near the origin."""
-    length = float(np.linalg.norm(end))
+def _stick(start: np.ndarray, end: np.ndarray, radius: float) -> Shape:
+    """Return a cylinder between two points [m]; a ball if they are near each other."""
+    length = float(np.linalg.norm(end - start))
+    centre = tuple((start + end) / 2.0)
     if length <= radius:
-        return Shape("sphere", (2.0 * radius,))
-    return Shape("cylinder", (radius, length), tuple(end / 2.0), _turn_z_along(end))
+        return Shape("sphere", (2.0 * radius,), centre)
+    return Shape("cylinder", (radius, length), centre, _turn_z_along(end - start))
 
 
 def _turn_z_along(axis: np.ndarray) -> tuple[float, float, float]:

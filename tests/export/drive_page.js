@@ -10,7 +10,7 @@ async function drive(data, requests) {
     const run = replay(data, code, inputs, instants, rows ? each => values.push(each.values()) : undefined);
     const {q, v} = run.kernel;
     return {k: run.k, q: [...q], v: [...v], event: run.event, rows: values, task: run.task, assist: run.assist,
-      utilisation: run.utilisation, tension: run.tension,
+      utilisation: run.utilisation, tension: run.tension, swing: run.swing,
       seconds: (performance.now() - began) / 1000};
   });
 }

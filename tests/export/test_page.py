@@ -8,6 +8,7 @@ import math
 import re
 import shutil
 import subprocess
+import sys
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, partial
@@ -43,6 +44,7 @@ from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
 from tests.helpers import HOSTILE_NAMES
+from tests.portal import portal_crane
 
 NODE = shutil.which("node")
 PERIOD = driving_page.PERIOD
@@ -112,6 +114,7 @@ def crane_of(kind: str) -> Crane:
         "hook": lambda: load_crane(hook_mass=150.0),
         "elastic": lambda: load_crane(rope_stiffness=2e6, rope_damping=5e3),
         "overhead": lambda: load_crane("urdf/overhead_crane.urdf.xacro"),
+        "luffing": lambda: load_crane("urdf/luffing_crane.urdf.xacro"),
     }[kind]()
 
 
@@ -365,6 +368,31 @@ def test_other_cranes_move_as_simulate_moves_them(kind: str, names: list[str]) -
     done = in_node(data_of(kind), *(request(name, 1000) for name in names))
     for name, end in zip(names, done, strict=True):
         check_same(end, in_python(kind, name, 1000), 1e-12)
+
+
+@pytest.mark.slow
+def test_the_swing_of_a_luffing_crane_is_that_from_plumb_wherever_its_boom_stands() -> None:
+    # The angle of its rope is measured from the boom, which stands at 69° at the start.
+    crane = crane_of("luffing")
+    still = {"inputs": [], "instants": 1}
+    lowered = {"inputs": [[0, "sticks", [0.0, -1.0, 0.0]]], "instants": 3000}
+    at_start, later = in_node(data_of("luffing"), still, lowered)
+    assert at_start["swing"] == pytest.approx(0.0, abs=1e-12)
+    plumb = np.linalg.norm(crane.swing_angles(np.array(later["q"])))
+    assert later["swing"] == pytest.approx(plumb, abs=1e-12)
+    assert 0.0 < plumb < math.radians(10.0) and later["event"] is None
+
+
+@pytest.mark.slow
+def test_feedback_of_the_state_moves_the_rest_of_the_swing_with_the_boom() -> None:
+    crane = crane_of("luffing")
+    pushed = [[0, "assist", "lqr"], [0, "sticks", [0.0, -1.0, 0.0]], [2000, "sticks", [0.0] * 3]]
+    (done,) = in_node(data_of("luffing"), {"inputs": pushed, "instants": 8000})
+    lowered = crane.start.q[1] - done["q"][1]
+    assert lowered > 0.1
+    # With the rest of the start the controller would hold the load aside with the hoist, by metres.
+    assert done["q"][4] == pytest.approx(crane.start.q[4], abs=0.2)
+    assert done["swing"] < math.radians(2.0)
 
 
 @pytest.mark.slow
@@ -634,6 +662,59 @@ def test_an_exercise_is_done_when_the_load_is_still() -> None:
     assert best["ring"]["time"] < best["blind"]["time"]
 
 
+@pytest.mark.parametrize(
+    ("roles", "hoist", "order"),
+    [
+        (["slew", "trolley", "hoist"], 2, [0, 1, 2, -1]),
+        (["hoist", "", "trolley"], 0, [1, 2, 0, -1]),
+        (["slew", "", "hoist"], 2, [0, 1, 2, -1]),  # a boom that luffs
+        (["slew", "", "", "hoist"], 3, [0, 1, 3, 2]),  # and is a telescope
+        (["", "", ""], 0, [1, 2, 0, -1]),  # joints with names of their own
+        ([""], None, [0, -1, -1, -1]),
+    ],
+)
+def test_each_of_four_drives_has_a_stick_and_the_rope_goes_along_the_right_one(
+    roles: list[str], hoist: int | None, order: list[int]
+) -> None:
+    joints = [{"role": role} for role in roles]
+    text = (driving_page._TEMPLATES / "input.js").read_text("utf-8")
+    call = f"axesOf({json.dumps(joints)}, {json.dumps(hoist)} ?? undefined)"
+    done = subprocess.run(
+        [NODE or "", "-e", f"{text}\nconsole.log(JSON.stringify({call}));"],
+        capture_output=True,
+        check=True,
+    )
+    assert json.loads(done.stdout) == order
+
+
+@pytest.mark.slow
+def test_each_task_with_a_goal_has_the_score_of_a_plan() -> None:
+    with_goal = [task for task in planned()["tasks"] if task["goal"]]
+    assert [task["name"] for task in with_goal] == ["ring", "gap", "blind"]
+    assert [task["no_best"] for task in with_goal if task["best"] is None] == []
+
+
+def test_a_task_that_cannot_be_planned_names_the_missing_extra(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setitem(sys.modules, "toppra", None)
+    crane = crane_of("tower")
+    limits = browser_crane.usual_limits(converters(crane))
+    _, ring, *_ = exercises.exercises(crane, limits)
+    assert ring.best is None and "pip install 'cranedyn[planning]'" in ring.no_best
+
+
+def test_the_ring_of_a_crane_without_a_planner_is_where_its_drives_can_bring_the_load(
+    tmp_path: Path,
+) -> None:
+    crane = portal_crane(tmp_path)
+    stop, ring = exercises.simple_exercises(crane)
+    assert stop.goal is None and np.abs(stop.start.q[crane.swings]).min() > 0.05
+    # A quarter of the range of 18 m of the cart; 10 m of the bridge, whose range is long.
+    height = payload_position(crane, crane.start.q)[2]
+    np.testing.assert_allclose(ring.goal, [10.0, 4.5, height], atol=1e-9)
+
+
 @pytest.mark.slow
 def test_a_mesh_is_drawn_in_its_place_with_as_many_triangles_as_a_page_takes(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
@@ -662,51 +743,30 @@ def test_a_mesh_is_drawn_in_its_place_with_as_many_triangles_as_a_page_takes(
         next(driving_page._visuals(crane, None, tmp_path / "elsewhere"))
 
 
-PORTAL = """<robot name="portal">
-  <link name="rail"/>
-  <link name="bridge"><inertial><mass value="8000"/>
-    <inertia ixx="1e4" iyy="1e4" izz="1e4" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="cart"><inertial><mass value="600"/>
-    <inertia ixx="20" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="yoke"><inertial><mass value="1"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="load"><inertial><mass value="2500"/>
-    <inertia ixx="300" iyy="300" izz="300" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="bridge_joint" type="prismatic"><parent link="rail"/><child link="bridge"/>
-    <origin xyz="0 0 12"/><axis xyz="1 0 0"/>
-    <limit lower="0" upper="60" effort="5e4" velocity="1.5"/></joint>
-  <joint name="cart_joint" type="prismatic"><parent link="bridge"/><child link="cart"/>
-    <axis xyz="0 1 0"/><limit lower="-9" upper="9" effort="2e4" velocity="1"/></joint>
-  <joint name="swing_joint" type="revolute"><parent link="cart"/><child link="yoke"/>
-    <axis xyz="0 1 0"/><limit lower="-1.2" upper="1.2" effort="1" velocity="10"/></joint>
-  <joint name="rope_joint" type="prismatic"><parent link="yoke"/><child link="load"/>
-    <axis xyz="0 0 {way}"/><limit lower="{low}" upper="{high}" effort="6e4" velocity="0.6"/></joint>
-</robot>"""
-"""A portal crane without visuals, whose joints have names of their own."""
-
-
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("way", "low", "high"), [pytest.param(-1, 2.0, 11.0, marks=pytest.mark.long), (1, -11.0, -2.0)]
-)
-def test_a_crane_without_visuals_and_roles_has_a_load_colours_and_the_force_of_its_rope(
-    tmp_path: Path, way: int, low: float, high: float
+@pytest.mark.parametrize("upward", [pytest.param(False, marks=pytest.mark.long), True])
+def test_a_crane_without_visuals_and_roles_has_a_load_colours_tasks_and_the_force_of_its_rope(
+    tmp_path: Path, upward: bool
 ) -> None:
-    (tmp_path / "portal.urdf").write_text(PORTAL.format(way=way, low=low, high=high))
-    driven = ["bridge_joint", "cart_joint", "rope_joint"]
-    crane = load_crane(tmp_path / "portal.urdf", driven=driven)
+    crane = portal_crane(tmp_path, upward=upward)
     data = driving_page.page_data(crane)
     (load,) = [shape for shape in data["crane"]["shapes"] if shape["payload"]]
     assert load["kind"] == "box" and load["size"] == [1.0, 1.0, 1.0]
-    # Rail, bridge and cart; the rope itself is drawn from pivot to load.
-    assert [shape["joint"] for shape in data["crane"]["shapes"] if not shape["payload"]] == [
-        -1,
-        0,
-        1,
-    ]
+    # Rail with two legs, bridge, cart and pivot; the rope itself is drawn from pivot to load.
+    others = [shape["joint"] for shape in data["crane"]["shapes"] if not shape["payload"]]
+    assert others == [-1, -1, -1, 0, 1, 2]
     assert len(set(data["colours"].values())) == len(crane.layout.symbols) + 1
+    stop, ring = data["tasks"]
+    assert (stop["name"], stop["goal"], ring["name"]) == ("stop", None, "ring")
+    # Bridge and cart, which move along X and Y, are below the goal, and the rope is as it was.
+    bridge, cart, _ = ring["goal"]
+    rope = crane.start.q[4]
     still = {"inputs": [[0, "assist", "none"]], "instants": 10, "rows": False}
-    assert in_node(data, still)[0]["tension"] == pytest.approx(2500.0 * crane.gravity, rel=1e-3)
+    driven = [[0, "task", "ring"], [0, "assist", "predictive"], [0, "goal", [bridge, cart, rope]]]
+    hanging, landed = in_node(data, still, {"inputs": driven, "instants": 6000})
+    assert hanging["tension"] == pytest.approx(2500.0 * crane.gravity, rel=1e-3)
+    assert landed["task"]["done"] and landed["task"]["time"] > 5.0
+    assert np.linalg.norm(np.array(ring["goal"])[:2] - crane.start.q[:2]) > 5.0
 
 
 @pytest.mark.slow

@@ -10,7 +10,8 @@ import math
 import shutil
 import subprocess
 from collections.abc import Iterator
-from functools import partial
+from contextlib import contextmanager
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -18,9 +19,12 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from cranedyn.export import driving_page
+from cranedyn.dynamics.converters import converters
+from cranedyn.export import driving_page, exercises
+from cranedyn.export.browser_crane import usual_limits
 from cranedyn.model.load import load_crane
 from tests.export import test_page
+from tests.portal import portal_crane
 
 selenium = pytest.importorskip(
     "selenium.webdriver", reason="extra browser (selenium) is not installed"
@@ -34,7 +38,7 @@ SCRIPTS = [*driving_page._TEMPLATES.glob("*.js"), driving_page._TEMPLATES / "typ
 OPTIONS = (
     "--headless=new --no-sandbox --no-first-run --disable-background-networking "
     "--disable-component-update --disable-sync --use-gl=angle --use-angle=swiftshader "
-    "--enable-unsafe-swiftshader --window-size=900,700"
+    "--enable-unsafe-swiftshader --window-size=1200,700"
 )
 
 DRIVES = ("gamma", "x", "l")
@@ -241,7 +245,7 @@ def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: A
         "page.scene._view === 'top'",
     )
     goal, place, drawn, clicked = driver.execute_script(
-        "const {canvas} = page.scene, x = 0.6 * canvas.clientWidth, y = 0.4 * canvas.clientHeight;"
+        "const {canvas} = page.scene, [x, y] = page.scene.project([8, -9, page.data.crane.ground]);"
         "const sent = []; const post = page.worker.postMessage.bind(page.worker);"
         "page.worker.postMessage = message => { sent.push(message); post(message); };"
         "canvas.onpointerdown({pointerId: 1}); canvas.onpointerup({clientX: x, clientY: y});"
@@ -250,6 +254,7 @@ def test_a_click_on_the_ground_sets_the_goal_of_the_predictive_control(driver: A
         "page.scene.project([a, b, page.data.crane.ground]), [x, y]]"
     )
     assert drawn == pytest.approx(clicked, abs=0.1)  # pixels
+    assert place == pytest.approx((8.0, -9.0), abs=1e-3)
     gamma, radius, _ = goal
     assert place == pytest.approx((radius * math.sin(gamma), -radius * math.cos(gamma)), abs=1e-3)
 
@@ -303,7 +308,7 @@ def test_a_reset_begins_the_task_again(driver: Any) -> None:
     wait(driver, "page.state.task && page.state.t > 0.5")
     reset_and_pause(driver)
     wait(driver, "page.state.task && page.state.task.time < 0.4 && page.state.swing > 0.05")
-    driver.execute_script("page.act('stop'); page.act('KeyP')")
+    driver.execute_script("page.act('free'); page.act('KeyP')")
     wait(driver, "!page.state.task")
 
 
@@ -364,6 +369,183 @@ def test_a_picture_that_is_lost_comes_back(driver: Any) -> None:
         "return [...pixel]"
     )
     assert max(pixel[:3]) > 60
+
+
+@contextmanager
+def opened(
+    driver: Any, file: Path, data: dict[str, Any], width: int, height: int, *, phone: bool = False
+) -> Iterator[None]:
+    """Open the page of some data in another tab of the browser, in a window of a size [pixels]."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(driving_page, "page_data", lambda *_: data)
+        driving_page.export(file, load_crane())
+    first = driver.current_window_handle
+    driver.switch_to.new_window("tab")
+    size = {"width": width, "height": height, "deviceScaleFactor": 1, "mobile": phone}
+    try:
+        driver.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
+        driver.execute_cdp_cmd("Emulation.setTouchEmulationEnabled", {"enabled": phone})
+        driver.get(file.as_uri())
+        wait(driver, "page.state && page.state.t > 0 && page.scene._view === page.look.view")
+        yield
+    finally:
+        driver.close()
+        driver.switch_to.window(first)
+
+
+@cache
+def with_tasks() -> dict[str, Any]:
+    """The data of the tower crane with its tasks, which nobody has planned."""
+    crane = test_page.crane_of("tower")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(exercises, "_planned", lambda crane, limits, exercise: exercise)
+        limits = usual_limits(converters(crane))
+        tasks = driving_page._tasks(
+            list(exercises.exercises(crane, limits)), np.eye(3), np.zeros(3)
+        )
+        return test_page.data_of("tower") | {"tasks": list(tasks)}
+
+
+def places(driver: Any, *points: list[float]) -> tuple[np.ndarray, dict[str, float]]:
+    """Places of points in the window, and the part of it that panels leave free [pixels]."""
+    seen, free = driver.execute_script(
+        "const {scene, look, state: {q}} = page; scene.draw(q, look); scene._blend = 1;"
+        "scene.free = {...scene.nextFree}; scene.draw(q, look);"
+        "return [arguments[0].map(point => scene.project(point)), page.free]",
+        points,
+    )
+    return np.array(seen), free
+
+
+def check_seen(driver: Any, *points: list[float]) -> None:
+    """Check that points are before the eye, that no panel hides them, and that what the eye looks
+    at is in the middle of the free part.
+    """
+    places(driver)  # the eye has come to its place
+    looked_at = driver.execute_script("return page.scene.target")
+    (target, *others), free = places(driver, looked_at, *points)
+    middle = (free["left"] + free["right"]) / 2.0, (free["top"] + free["bottom"]) / 2.0
+    assert target == pytest.approx(middle, abs=0.5)  # pixels
+    seen = np.array(others)
+    assert (seen > [free["left"], free["top"]]).all(), (seen, free)
+    assert (seen < [free["right"], free["bottom"]]).all(), (seen, free)
+
+
+@browser
+def test_who_opens_the_page_sees_the_crane_a_task_and_a_pointer_to_its_target(
+    driver: Any, tmp_path: Path
+) -> None:
+    crane = load_crane()
+    with opened(driver, tmp_path / "page.html", with_tasks(), 1440, 900):
+        view, is_open, text, goal, load = driver.execute_script(
+            "return [page.look.view, document.getElementById('tasks').open,"
+            "document.getElementById('task_text').textContent, page.look.goal, page.scene.load]"
+        )
+        assert (view, is_open, text) == ("side", True, exercises.RING_TEXT)
+        # At slew angle 0 the jib points along -Y; its end is where the trolley can go, and beyond.
+        height = 28.0
+        farthest = float(crane.upper[crane.layout.index("x")])
+        check_seen(driver, goal, load, [0.0, 0.0, 0.0], [0.0, -farthest, height])
+        ((x, y),), _ = places(driver, goal)
+        pointer = driver.execute_script(
+            "page._pointToGoal(page.state); const {style, children: [, text]} ="
+            "  document.getElementById('pointer');"
+            "return [...style.translate.split(' ').map(parseFloat), text.textContent]"
+        )
+        assert pointer[0] == pytest.approx(x, abs=1.0)
+        assert abs(pointer[1] - y) < 40.0
+        assert pointer[2] == f"target {np.linalg.norm(np.subtract(goal, load)):.0f} m"
+        # Behind the eye the pointer is at the edge to which one has to turn.
+        pointer = driver.execute_script(
+            "const {scene} = page; const behind = scene.eye.map((x, k) => x - 9 * scene.forward[k]"
+            "  + 99 * scene.right[k]); scene.wayTo(behind); page.look.goal = behind;"
+            "page._pointToGoal(page.state);"
+            "return [parseFloat(document.getElementById('pointer').style.translate), page.free]"
+        )
+        assert pointer[1]["right"] - 80.0 < pointer[0] < pointer[1]["right"]
+
+
+@browser
+@pytest.mark.long
+@pytest.mark.parametrize("view", ["side", "top", "follow"])
+def test_the_views_show_a_crane_that_describes_no_visuals(
+    driver: Any, tmp_path: Path, view: str
+) -> None:
+    data = driving_page.page_data(portal_crane(tmp_path))
+    with opened(driver, tmp_path / "page.html", data, 1440, 900):
+        driver.execute_script("page.act(arguments[0])", view)
+        load, pivot = driver.execute_script("return [page.scene.load, page.scene.rope[0]]")
+        check_seen(driver, load)
+        if view != "follow":
+            # The rail is 60 m long, 12 m above the ground.
+            check_seen(driver, pivot, [0.0, 0.0, 12.0], [60.0, 0.0, 12.0], data["tasks"][1]["goal"])
+
+
+TEXTS = """
+const texts = [], walker = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
+while (walker.nextNode()) {
+  const node = walker.currentNode, parent = node.parentElement, range = document.createRange();
+  if (!node.textContent.trim() || parent.closest('script, style, dialog:not([open])')) continue;
+  if (!parent.checkVisibility({visibilityProperty: true})) continue;
+  range.selectNodeContents(node);
+  let {left, right, top, bottom} = range.getBoundingClientRect();
+  for (let box = parent; box; box = box.parentElement) {
+    if (getComputedStyle(box).overflowX === 'visible') continue;
+    const edge = box.getBoundingClientRect();
+    [left, right] = [Math.max(left, edge.left), Math.min(right, edge.right)];
+    [top, bottom] = [Math.max(top, edge.top), Math.min(bottom, edge.bottom)];
+  }
+  if (right > left && bottom > top) texts.push([node.textContent.trim(), left, right, top, bottom]);
+}
+const pen = CanvasRenderingContext2D.prototype, fill = pen.fillText;
+const corner = document.getElementById('strips').getBoundingClientRect();
+pen.fillText = function(text, x, y) {
+  const width = this.measureText(text).width;
+  const left = corner.left + x - width * ({center: 0.5, right: 1}[this.textAlign] ?? 0);
+  texts.push([text, left, left + width, corner.top + y - 8, corner.top + y + 1]);
+};
+page.strips.draw(false);
+pen.fillText = fill;
+return texts;
+"""
+"""Script that returns all texts that are seen, each with its left, right, upper and lower edge."""
+
+
+@browser
+def test_on_a_phone_no_texts_overlap_the_crane_is_seen_and_what_a_finger_presses_has_44_pixels(
+    driver: Any, tmp_path: Path
+) -> None:
+    with opened(driver, tmp_path / "page.html", with_tasks(), 390, 844, phone=True):
+        reset_and_pause(driver)
+        goal, load = driver.execute_script("return [page.look.goal, page.scene.load]")
+        check_seen(driver, goal, load, [0.0, 0.0, 0.0], [0.0, -22.0, 28.0])
+        panels = ["tasks", "reading", "charts", "lesson", "settings"]
+        for panel in panels:
+            driver.execute_script("document.getElementById(arguments[0]).open = true", panel)
+            others = (
+                f"document.querySelectorAll('#panels details[open]').length === 1 && {panel}.open"
+            )
+            wait(driver, others)
+            # Two pictures later, what points into the picture has moved with its free part.
+            driver.execute_async_script(
+                "const [done] = arguments, next = requestAnimationFrame;"
+                "next(() => next(() => next(done)))"
+            )
+            texts = driver.execute_script(TEXTS)
+            assert len(texts) > 20
+            for (a, *first), (b, *second) in itertools.combinations(texts, 2):
+                across = min(first[1], second[1]) - max(first[0], second[0])
+                along = min(first[3], second[3]) - max(first[2], second[2])
+                assert min(across, along) < 1.0, (panel, a, b)
+            small = driver.execute_script(
+                "return [...document.querySelectorAll('button, .button, summary')]"
+                ".filter(each => each.checkVisibility()).map(each => [each.textContent,"
+                "  each.getBoundingClientRect()]).filter(([, {width, height}]) =>"
+                "  Math.min(width, height) < 44).map(([text]) => text)"
+            )
+            assert small == [], panel
+        help_text = driver.execute_script("page.act('KeyH'); return document.body.innerText")
+        assert "left stick across" in help_text and "Shift" not in help_text
 
 
 @pytest.mark.skipif(TSC is None, reason="TypeScript (npm) is not installed")

@@ -14,6 +14,7 @@ import pytest
 import cranedyn as cd
 from cranedyn.controllers.hold import hold_controller
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
+from tests.portal import portal_crane
 
 RIGID = """<robot name="rigid">
   <link name="ground"/>
@@ -425,6 +426,32 @@ def test_links_of_missing_meshes_are_drawn_as_sticks(tmp_path: Path) -> None:
     low, high = (end(np.concatenate(tips), axis=0) for end in (np.min, np.max))
     np.testing.assert_allclose(high[2] - low[2], 28.0, atol=0.7)
     np.testing.assert_allclose(max(high[:2] - low[:2]), 22.0, atol=0.7)
+
+
+def test_a_crane_that_shows_nothing_is_drawn_with_its_rails_where_its_joints_slide(
+    tmp_path: Path,
+) -> None:
+    from cranedyn.recording.shapes import shapes, visible_points
+
+    crane = portal_crane(tmp_path)
+    q = crane.start.q.copy()
+    q[:2] = 20.0, 3.0
+    ends = []
+    for _, points in visible_points(crane, q):
+        ends.append((points.min(axis=0), points.max(axis=0)))
+    thick = 0.4
+    expected = [
+        # The runway, on legs beyond its ends: a load that hangs at an end is in none of them.
+        ([-3.0, 0.0, 12.0], [63.0, 0.0, 12.0]),
+        ([-3.0, 0.0, 0.0], [-3.0, 0.0, 12.0]),
+        ([63.0, 0.0, 0.0], [63.0, 0.0, 12.0]),
+        ([20.0, -9.0, 12.0], [20.0, 9.0, 12.0]),  # the bridge, where it has travelled
+        ([20.0, 3.0, 12.0], [20.0, 3.0, 12.0]),  # the cart
+        ([20.0, 3.0, 12.0], [20.0, 3.0, 12.0]),  # what swings below it, which has no size
+    ]
+    for seen, wanted in zip(ends, expected, strict=True):
+        np.testing.assert_allclose(seen, wanted, atol=thick + 1e-9)
+    assert shapes(crane.urdf)["s2"] == []  # the rope is drawn in its place
 
 
 @pytest.mark.parametrize(

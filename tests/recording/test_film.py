@@ -13,10 +13,11 @@ from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
-from cranedyn.recording.film import film
+from cranedyn.recording.film import _Stage, film
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.next_commands import check_next_commands
+from tests.portal import portal_crane
 
 reason = "the extra film is not installed: pip install 'cranedyn[film]'"
 
@@ -54,6 +55,18 @@ def test_a_film_has_its_size_its_rate_and_thirty_pictures_a_second_in_which_the_
     near = [rows_of_red(pictures[i][:, 660:]) for i in (0, -1)]
     assert len(near[0]) > 3 * len(rows_of_red(pictures[0][:, :660]))
     assert abs(near[0].mean() - near[1].mean()) < 5
+
+
+def test_the_swings_of_a_crane_whose_joints_have_names_of_their_own_differ_in_a_film(
+    tmp_path: Path,
+) -> None:
+    crane = portal_crane(tmp_path)
+    run = simulate(crane, hold_controller(crane), duration=0.02)
+    for names in (["one"], ["one", "two"]):
+        stage = _Stage([Run(name, crane, run) for name in names], 0.0, 0.02)
+        curves = [line for line in stage._swing.lines if not line.get_label().startswith("_")]
+        looks = {(line.get_color(), line.get_linestyle()) for line in curves}
+        assert len(looks) == len(curves) == 2 * len(names)
 
 
 def test_a_film_without_its_extra_is_one_sentence(

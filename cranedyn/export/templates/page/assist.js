@@ -12,7 +12,9 @@
  *   ratio: number, gravity: number}} [yielding] Joints of radius, swings and cable, drives of slew
  *   and trolley, damping ratio that they give the swing, and gravity [m/s²].
  * @property {{x: number, l: number, radii: number[], lengths: number[], gains: number[][],
- *   rest: number[]}} [lqr] Gains by radius and cable length, radius first; -1 for no such joint.
+ *   rest: number[], swings: number[], rest_slope: number[][]}} [lqr] Gains by radius and cable length,
+ *   radius first; -1 for no such joint. Coordinates at rest at the start, and by how much those of the
+ *   swings change with the position of each drive.
  * @property {{feedForward: number[], gain: number[][], setpoint: number[], shift: number[][],
  *   start: number[], a: number[][], b: number[][], c: number[][], antiWindup: number[][],
  *   limits: number[], initial: number[]}} [own] Linear controller of a user, see `LinearLaw` in
@@ -181,6 +183,10 @@ class Assistant {
       goal[joint] = this.position[i];
       goal[given.rest.length + joint] = this.rate[i];
     });
+    given.swings.forEach((swing, k) => joints.forEach((joint, i) => {
+      goal[swing] += given.rest_slope[k][i] * (this.position[i] - given.rest[joint]);
+      goal[given.rest.length + swing] += given.rest_slope[k][i] * this.rate[i];
+    }));
     const error = [...Array.from(q), ...Array.from(v)].map((z, i) => z - goal[i]);
     // Bilinear: the weights of the four corners of the cell in which radius and length lie.
     const [i, along] = locate(given.radii, given.x < 0 ? 0 : q[given.x]);

@@ -78,6 +78,14 @@ class Kinematics {
   }
 }
 
+/** Where a swing joint hangs at rest [rad]: affine in the positions of the drives, since a boom that luffs
+ * turns the frame in which the angle of its rope is measured.
+ * @param {{drives: number[], swings: number[], rest: number[], rest_slope: number[][]}} crane
+ * @param {number} k Index among the swings. @param {ArrayLike<number>} q Coordinates. */
+function hangingAngle({drives, swings, rest, rest_slope}, k, q) {
+  return drives.reduce((sum, joint, i) => sum + rest_slope[k][i] * q[joint], rest[swings[k]]);
+}
+
 /** Rotation a b by rows. @param {ArrayLike<number>} a @param {ArrayLike<number>} b
  * @param {Float64Array} out */
 function multiply(a, b, out) {

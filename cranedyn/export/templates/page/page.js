@@ -10,6 +10,39 @@ const STRIP_ROWS = 480;
 /** Time for which a notice is shown [s]. */
 const NOTICE_SECONDS = 6;
 
+/** Widest window in which panels open one at a time, below their titles [pixels]: as in style.css. */
+const NARROW = 900;
+
+/** Largest height of a phone that lies on its side [pixels]: there a panel would cover the picture. */
+const LOW = 500;
+
+/** Least height of the part of the picture that panels leave free, as a share of the window; where they
+ * leave less, they lie on the picture. */
+const LEAST_FREE = 0.2;
+
+/** Distance of the pointer from the goal [pixels]. */
+const POINTER_DISTANCE = 26;
+
+/** Distance of the pointer from the edges of the free part, sideways and upward, so that all of its text is
+ * seen [pixels]. */
+const POINTER_MARGIN = [60, 40];
+
+/** Room that the pointer leaves free for a load beside and above the goal [pixels]. */
+const POINTER_ROOM = [70, 90];
+
+/** Distance of the middle of a label from the pointer, sideways and upward, at which they do not overlap
+ * [pixels]. */
+const POINTER_SIZE = [80, 46];
+
+/** Room that a label of a distance takes [pixels]. */
+const LABEL_SIZE = [34, 18];
+
+/** Name of the task that is none. */
+const NO_TASK = "free";
+
+/** What an operator has to do without a task. */
+const NO_TASK_TEXT = "Move the load with the sticks below, and watch it swing.";
+
 const DEGREES = 180 / Math.PI;
 
 /** Letters of coordinates by their symbols. */
@@ -26,6 +59,18 @@ function element(tag, properties = {}, ...children) {
   return made;
 }
 
+/** Change the text of an element. The same text again would have it laid out and drawn again. @param {Element} element @param {string} text */
+function setText(element, text) {
+  if (element.textContent !== text) element.textContent = text;
+}
+
+/** Move an element to a place in the window [pixels], if it is not there.
+ * @param {any} element @param {number} x @param {number} y */
+function setPlace(element, x, y) {
+  const place = `${x.toFixed(0)}px ${y.toFixed(0)}px`;
+  if (element.style.translate !== place) element.style.translate = place;
+}
+
 /** Number with some digits after the point. @param {number | null | undefined} value
  * @param {number} digits */
 const fixed = (value, digits) => value == null ? "–"
@@ -38,6 +83,18 @@ function roundUp(value) {
   const digit = [1, 2, 5].find(x => x * power >= value * 0.97) ?? 10;
   return Number((digit * power).toPrecision(1)); // the product has round-off
 }
+
+const STRIP_FONT = "11px system-ui, sans-serif";
+
+/** Room that the time of a mark takes [pixels]. */
+const MARK_WIDTH = 36;
+
+/** Between two names of a legend [pixels]. */
+const LEGEND_GAP = 10;
+
+/** Width of a legend with the gap before it [pixels].
+ * @param {CanvasRenderingContext2D} pen @param {Curve[]} curves */
+const legendWidth = (pen, curves) => curves.reduce((sum, {label}) => sum + LEGEND_GAP + pen.measureText(label).width, 0);
 
 /** Plots over the last 30 s of simulated time, one below the other. */
 class Strips {
@@ -87,6 +144,10 @@ class Strips {
     const [ink, soft, line] = ["--ink", "--soft", "--line"].map(name => style.getPropertyValue(name));
     const now = count ? rows[(count - 1) * columns] : 0, begin = now - STRIP_SECONDS;
     const left = 36, right = width - 2, each = (height - 16) / this.plots.length;
+    // Where a legend does not fit beside its title, all have a line of their own.
+    pen.font = STRIP_FONT;
+    const lines = Math.max(...this.plots.map(({title, unit, curves}) => legendWidth(pen, curves)
+      + pen.measureText(`${title} [${unit}]`).width > right - left ? 2 : 1));
     const index = Array.from({length: count}, (_, i) => i * columns).filter(i => rows[i] >= begin);
     /** @param {number} t */
     const across = t => left + (t - begin) / STRIP_SECONDS * (right - left);
@@ -105,10 +166,10 @@ class Strips {
       pen.stroke();
     };
     pen.scale(ratio, ratio);
-    pen.font = "11px system-ui, sans-serif";
+    pen.font = STRIP_FONT;
     let column = 1;
     this.plots.forEach(({title, unit, least, curves}, k) => {
-      const top = k * each + 18, bottom = (k + 1) * each - 4, middle = (top + bottom) / 2;
+      const top = k * each + 5 + 13 * lines, bottom = (k + 1) * each - 4, middle = (top + bottom) / 2;
       const values = curves.map((_, c) => index.map(i => rows[i + column + c]));
       const most = roundUp(Math.max(least, ...values.flat().map(Math.abs)));
       /** @param {number} y */
@@ -121,17 +182,20 @@ class Strips {
         trace([top, bottom].map(y => [across(t), y]), line);
         if (k === this.plots.length - 1) write(`${t} s`, across(t), height - 4, soft, "center");
       }
-      write(`${title} [${unit}]`, left, top - 7, ink, "left");
-      let x = right;
-      for (const {label, colour} of [...curves].reverse()) {
-        write(label, x, top - 7, colour, "right");
-        x -= pen.measureText(label).width + 10;
+      write(`${title} [${unit}]`, left, top + 6 - 13 * lines, ink, "left");
+      let x = lines > 1 ? left : right - legendWidth(pen, curves);
+      for (const {label, colour} of curves) {
+        write(label, x, top - 7, colour, "left");
+        x += pen.measureText(label).width + LEGEND_GAP;
       }
       curves.forEach(({colour, dash}, c) =>
         trace(index.map((i, n) => [across(rows[i]), down(values[c][n])]), colour, 1.6, dash));
+      let written = -Infinity;
       for (const t of marks && k === 0 ? this.crossings(1).filter(t => t > begin) : []) {
         write("▲", across(t), down(0) + 4, curves[0].colour, "center");
+        if (across(t) - written < MARK_WIDTH) continue;
         write(t.toFixed(2), across(t), bottom + 3, ink, "center");
+        written = across(t);
       }
       column += curves.length;
     });
@@ -144,7 +208,7 @@ class Page {
   constructor(data) {
     const {crane, colours} = this.data = data;
     /** @type {Look} */
-    this.look = {view: data.site ? "orbit" : "follow", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
+    this.look = {view: "side", night: matchMedia("(prefers-color-scheme: dark)").matches, t: 0,
       goal: null, radius: 1, aim: null};
     this.assist = "none"; this.stopped = this.paused = false;
     /** @type {State | null} */
@@ -179,20 +243,24 @@ class Page {
       KeyP: () => { this.paused = !this.paused; this.pace(); },
       KeyH: () => byId("keys").showModal(),
       Backspace: () => this.worker.postMessage({type: "reset"}),
+      more: () => byId("transport").classList.toggle("more"),
       save: () => this.worker.postMessage({type: "save", file: "drive.csv"}),
       save_inputs: () => this.worker.postMessage({type: "save", file: "drive.json"}),
     };
     this._arrange();
-    this.hands = new Hands(crane.drives.map(i => crane.joints[i]), [byId("stick_0"), byId("stick_1")], code => this.act(code));
-    const names = this.hands.order.map(drive => this.drives[drive]?.label ?? "–");
-    [byId("name_0").textContent, byId("name_1").textContent] = [`${names[0]} · ${names[1]}`, names[2]];
+    this.hands = new Hands(crane.drives.map(i => crane.joints[i]), crane.rope?.hoist,
+      [byId("stick_0"), byId("stick_1")], code => this.act(code));
+    this._nameHands();
     const canvas = byId("scene");
     canvas.addEventListener("webglcontextlost", (/** @type {Event} */ event) => event.preventDefault());
     canvas.addEventListener("webglcontextrestored", () => this._open(canvas));
     this._watchPointer(canvas);
     this._open(canvas);
+    const first = data.tasks.find(({goal}) => goal);
+    if (first) this.begin(first);
     this.show();
     this.pace();
+    this._watchSize();
     this._frame = this._frame.bind(this);
     requestAnimationFrame(this._frame);
   }
@@ -202,6 +270,7 @@ class Page {
     try {
       this.scene = new Scene(canvas, this.data);
       this._build();
+      this._measureFree();
     } catch (error) {
       this.tell(/** @type {Error} */ (error).message, Infinity);
     }
@@ -236,6 +305,8 @@ class Page {
       actions[name] = () => this.view(name);
       choice("views", name, name, name);
     }
+    actions[NO_TASK] = () => this.begin(undefined);
+    choice("task_list", NO_TASK, "Just drive", NO_TASK);
     for (const task of data.tasks) {
       actions[task.name] = () => this.begin(task);
       choice("task_list", task.name, task.title, task.name);
@@ -245,10 +316,11 @@ class Page {
       ["height of load", "m", 2, state => state.height],
       ...data.assist.hoist < 0 ? [] : [["cable l", "m", 2,
         (/** @type {State} */ state) => state.q[data.crane.drives[data.assist.hoist]]]],
-      ["rope force", "kN", 2, state => state.rope_force && state.rope_force / 1000],
+      ...data.crane.rope ? [["rope force", "kN", 2, (/** @type {State} */ state) =>
+        state.rope_force && state.rope_force / 1000]] : [],
       ...turning ? [["radius", "m", 2, (/** @type {State} */ state) => state.radius],
-        ["load moment", "t m", 1, (/** @type {State} */ state) =>
-          state.rope_force && state.rope_force / tonne * state.radius]] : [],
+        ...data.crane.rope ? [["load moment", "t m", 1, (/** @type {State} */ state) =>
+          state.rope_force && state.rope_force / tonne * state.radius]] : []] : [],
       ...data.chart ? [["of the chart", "%", 0,
         (/** @type {State} */ state) => state.utilisation && 100 * state.utilisation]] : [],
       ...this.drives.map(({label, unit, factor, joint, colour}) =>
@@ -271,7 +343,16 @@ class Page {
     }
     byId("tasks").hidden = !data.tasks.length;
     byId("lesson").hidden = data.crane.joints.every(({role}) => role !== "hoist");
-    if (innerWidth < 760) byId("charts").open = false;
+    byId("sign_help").hidden = data.crane.joints.every(({symbol}) => symbol !== "phi");
+    byId("goal_help").hidden = data.assistances.every(({name}) => name !== "predictive");
+    if (innerWidth <= NARROW) byId("reading").open = byId("charts").open = false;
+    if (innerHeight <= LOW) byId("tasks").open = false;
+    for (const panel of byId("panels").querySelectorAll("details")) {
+      panel.ontoggle = () => {
+        if (!panel.open || innerWidth > NARROW) return;
+        for (const other of byId("panels").querySelectorAll("details[open]")) other.open = other === panel;
+      };
+    }
     const reach = Math.max(20, ...data.crane.joints.map(({role, upper}) => role === "trolley" ? 1.3 * upper : 0));
     this.labels = [10, 20, 30, 40].filter(r => r <= reach).flatMap(r => [[0, -r], [r, 0], [-r, 0], [0, r]]
       .map(([x, y]) => ({point: [x, y, data.crane.ground], span: element("span", {}, `${r} m`)})));
@@ -293,17 +374,60 @@ class Page {
     };
   }
 
+  /** Name the drives below the sticks and in the help, with the keys or the ways of a finger. */
+  _nameHands() {
+    const {hands: {order}, drives, data: {crane}} = this, touch = matchMedia("(pointer: coarse)").matches;
+    document.documentElement.classList.toggle("touch", touch);
+    const keys = ["← →", "↑ ↓", "R F", "Q E"], ways = ["↔", "↕", "↕", "↔"];
+    const kinds = ["slew", "trolley", "hoist"], senses = ["left, right", "out, in", "up, down"];
+    const sticks = ["left stick across", "left stick along", "right stick along", "right stick across"];
+    /** Name of the drive of an axis, with how it is moved; nothing where there is none. @param {number} axis */
+    const caption = axis => order[axis] < 0 ? [] : [`${(touch ? ways : keys)[axis]} ${drives[order[axis]].label}`];
+    byId("name_0").textContent = [0, 1].flatMap(caption).join(" · ");
+    byId("name_1").textContent = [3, 2].flatMap(caption).join(" · ");
+    [[0, 1], [3, 2]].forEach(([across, along], i) => {
+      const stick = byId(`stick_${i}`);
+      stick.classList.toggle("across", order[across] >= 0);
+      stick.classList.toggle("along", order[along] >= 0);
+      stick.parentElement.hidden = order[across] < 0 && order[along] < 0;
+    });
+    order.forEach((drive, axis) => {
+      if (drive < 0) return;
+      const {role} = crane.joints[crane.drives[drive]], up = axis === 2 && drive === crane.rope?.hoist;
+      const sense = up ? senses[2] : senses[kinds.indexOf(role)] ?? "to and fro";
+      byId("drive_help").append(element("tr", {}, element("th", {}, `${drives[drive].label} ${sense}`),
+        element("td", {className: "keyboard"}, ...keys[axis].split(" ").flatMap(key => [element("kbd", {}, key), " "])),
+        element("td", {}, sticks[axis])));
+    });
+  }
+
   /** Let the pointer turn and zoom the picture, and a click set the goal.
    * @param {HTMLCanvasElement} canvas */
   _watchPointer(canvas) {
     let moved = 0;
-    canvas.onpointerdown = ({pointerId}) => {
+    /** Where pointers are that hold the picture [pixels]. @type {Map<number, number[]>} */
+    const held = new Map();
+    /** Distance of two fingers [pixels]. */
+    const spread = () => {
+      const [[x, y], [u, v]] = held.values();
+      return Math.hypot(x - u, y - v);
+    };
+    canvas.onpointerdown = ({pointerId, clientX, clientY}) => {
       moved = 0;
+      held.set(pointerId, [clientX, clientY]);
       canvas.setPointerCapture(pointerId);
     };
-    canvas.onpointermove = ({pointerId, movementX, movementY}) => {
+    canvas.onlostpointercapture = ({pointerId}) => { held.delete(pointerId); };
+    canvas.onpointermove = ({pointerId, clientX, clientY, movementX, movementY}) => {
       if (!canvas.hasPointerCapture(pointerId)) return;
       moved += Math.hypot(movementX, movementY);
+      const before = held.size === 2 ? spread() : 0;
+      held.set(pointerId, [clientX, clientY]);
+      if (held.size === 2) {
+        // Fingers that spread to twice their distance bring the eye to half of its own.
+        this.scene?.zoom(before / Math.max(spread(), 1));
+        return;
+      }
       if (moved < 6) return;
       if (this.look.view !== "orbit") this.act("orbit");
       this.scene?.turn(movementX, movementY);
@@ -335,14 +459,73 @@ class Page {
     this.worker.postMessage({type: "speed", factor});
   }
 
-  /** Begin a task, or end it where it is the present one. @param {Exercise} task */
+  /** Begin a task, or drive without one. @param {Exercise | undefined} task */
   begin(task) {
-    this.task = this.task === task ? undefined : task;
-    this.look.goal = this.task?.goal ?? null;
-    this.look.radius = task.radius;
-    if (this.task?.blind) this.look.view = "cabin";
+    if (task?.blind) this.look.view = "cabin";
+    else if (this.task?.blind) this.look.view = "side";
+    this.task = task;
+    this.look.goal = task?.goal ?? null;
+    this.look.radius = task?.radius ?? 0;
     this._build();
-    this.worker.postMessage({type: "task", name: this.task?.name ?? null});
+    this.worker.postMessage({type: "task", name: task?.name ?? null});
+  }
+
+  /** Measure the part of the picture that panels leave free, now and whenever they change. */
+  _watchSize() {
+    const panels = ["top", "left", "right", "transport"].map(byId);
+    const watcher = new ResizeObserver(() => this._measureFree());
+    for (const panel of [...panels, ...document.querySelectorAll("#messages, #panels details > div")]) {
+      watcher.observe(panel);
+    }
+    addEventListener("resize", () => this._measureFree());
+    this._measureFree();
+  }
+
+  /** Measure the part of the picture that panels leave free. */
+  _measureFree() {
+    /** @param {Element} element */
+    const box = element => element.getBoundingClientRect();
+    const wide = innerWidth > NARROW, footer = box(byId("transport"));
+    const above = wide ? ["messages"].map(byId) : [byId("top"), ...document.querySelectorAll("#panels details[open] > div")];
+    let top = Math.max(...above.map(panel => box(panel).bottom)), bottom = footer.top;
+    const left = wide ? box(byId("left")).right : 0, right = wide ? box(byId("right")).left : innerWidth;
+    const covered = bottom - top < LEAST_FREE * innerHeight;
+    /** Free part of the window, in which pointer and labels are [pixels]; null where panels lie on the
+     * picture. */
+    this.free = covered ? null : {left, right, top, bottom};
+    if (covered) [top, bottom] = [0, innerHeight];
+    if (!this.scene) return;
+    this.scene.nextFree = {x: (left + right) / innerWidth - 1, y: 1 - (top + bottom) / innerHeight,
+      halfWidth: (right - left) / innerWidth, halfHeight: (bottom - top) / innerHeight};
+  }
+
+  /** Point to the goal: from above where it is seen, or from below where the load is above it, and else
+   * from the edge of the picture's free part.
+   * @param {State | null} state */
+  _pointToGoal(state) {
+    const {scene, look: {goal, radius}, free, task} = this, pointer = byId("pointer");
+    const hidden = !scene || !goal || !free || !state || state.task?.done === true || !task;
+    if (pointer.hidden !== hidden) pointer.hidden = hidden;
+    /** Where the pointer is in the window [pixels]; null where there is none. @type {number[] | null} */
+    this.pointed = null;
+    if (hidden || !scene || !goal || !free) return;
+    const [x, y] = scene.wayTo(goal);
+    const [halfWidth, halfHeight] = [free.right - free.left, free.bottom - free.top].map((size, k) =>
+      size / 2 - POINTER_MARGIN[k]);
+    const share = Math.min(1, halfWidth / Math.abs(x), halfHeight / Math.abs(y)), seen = share === 1;
+    const distance = Math.hypot(...goal.map((place, k) => place - scene.load[k]));
+    const [loadX, loadY] = scene.wayTo(scene.load), [width, height] = POINTER_ROOM;
+    const below = seen && Math.abs(loadX - x) < width && y - loadY < height && loadY - y < POINTER_DISTANCE
+      && y + 2 * POINTER_DISTANCE < halfHeight;
+    const [arrow, text] = pointer.children;
+    const rotation = `${(below ? -90 : seen ? 90 : Math.atan2(y, x) * DEGREES).toFixed(0)}deg`;
+    if (arrow.style.rotate !== rotation) arrow.style.rotate = rotation;
+    pointer.classList.toggle("below", below);
+    setText(text, distance > radius ? `target ${fixed(distance, distance < 10 ? 1 : 0)} m` : "hold it still");
+    const left = (free.left + free.right) / 2 + share * x;
+    const top = (free.top + free.bottom) / 2 + share * y - (below ? -POINTER_DISTANCE : seen ? POINTER_DISTANCE : 0);
+    setPlace(pointer, left, top);
+    this.pointed = [left, top];
   }
 
   /** Drive recorded inputs again. @param {HTMLInputElement} chooser */
@@ -375,14 +558,16 @@ class Page {
     else if (message.type === "state") {
       const state = /** @type {State} */ (message), before = this.state;
       this.state = state;
-      if (state.event) this.tell(`${state.event.text} Reset to go on.`, Infinity);
+      if (state.event) this.tell(`${state.event.text} Press Reset to go on.`, Infinity);
       else if (before?.event) this.tell("");
       if (state.assist !== this.assist || state.stopped !== this.stopped) {
         [this.assist, this.stopped] = [state.assist, state.stopped];
         this.show();
       }
       if (!state.goal || state.t < (before?.t ?? 0)) this.look.aim = null;
-      this.strips.push([state.t, ...this.data.crane.swings.slice(0, 2).map(i => state.q[i] * DEGREES),
+      const {crane} = this.data;
+      this.strips.push([state.t,
+        ...crane.swings.slice(0, 2).map((i, k) => (state.q[i] - hangingAngle(crane, k, state.q)) * DEGREES),
         ...this.drives.map(({joint, rate}) => 100 * state.v[joint] / rate),
         ...this.drives.map(({effort}, i) => 100 * state.effort[i] / effort)]);
     }
@@ -397,7 +582,8 @@ class Page {
   /** Show what is chosen. */
   show() {
     const {look, data, task} = this, root = document.documentElement;
-    for (const [id, value] of Object.entries({assistances: this.assist, views: look.view, task_list: task?.name})) {
+    for (const [id, value] of Object.entries({assistances: this.assist, views: look.view,
+      task_list: task?.name ?? NO_TASK})) {
       for (const button of byId(id).children) button.setAttribute("aria-pressed", button.value === value);
     }
     root.classList.toggle("night", look.night);
@@ -408,30 +594,59 @@ class Page {
     byId("night").textContent = look.night ? "☀" : "☾";
     byId("pause").textContent = this.paused ? "▶" : "❚❚";
     byId("explanation").textContent = data.assistances.find(({name}) => name === this.assist)?.text;
-    byId("task_text").textContent = task?.text ?? "";
+    byId("task_text").textContent = task?.text ?? NO_TASK_TEXT;
     byId("score").hidden = !task;
+    byId("no_score").textContent = task?.no_best ? `The planner has no score. ${task.no_best}` : "";
+    byId("more").setAttribute("aria-expanded", byId("transport").classList.contains("more"));
   }
 
   /** Write the numbers. @param {State} state */
   _write(state) {
-    byId("swing").firstElementChild.textContent = `${fixed(state.swing * DEGREES, 1)}°`;
-    for (const {cell, digits, value} of this.numbers ?? []) cell.textContent = fixed(value(state), digits);
+    setText(byId("swing").firstElementChild, `${fixed(state.swing * DEGREES, 1)}°`);
+    for (const {cell, digits, value} of this.numbers ?? []) setText(cell, fixed(value(state), digits));
     const cable = byId("cable");
     if (cable && !cable.matches(":active")) {
       cable.value = state.cable ?? state.q[this.data.crane.drives[this.data.assist.hoist]];
       cable.oninput();
     }
-    byId("clock").textContent = `${state.replaying ? "replay " : ""}${fixed(state.t, 1)} s`;
-    byId("ratio").textContent = `× ${this.paused ? 0 : byId("speed").value}`;
+    setText(byId("clock"), `${state.replaying ? "replay " : ""}${fixed(state.t, 1)} s`);
+    setText(byId("ratio"), `× ${this.paused ? 0 : byId("speed").value}`);
     byId("ratio").title = `reached: × ${fixed(state.ratio, 1)}`;
     const mine = state.task, best = this.task?.best;
     if (!mine || mine.name !== this.task?.name) return;
-    const rows = [["", "you", "planner"], ["time [s]", fixed(mine.time, 1), fixed(best?.time, 1)],
-      ["swing [°]", fixed(mine.largest_swing * DEGREES, 1), fixed(best && best.swing * DEGREES, 1)],
-      ["energy [kJ]", fixed(mine.energy / 1000, 0), fixed(best && best.energy / 1000, 0)]];
-    byId("score").replaceChildren(...rows.map(row =>
-      element("tr", {}, ...row.map((text, i) => element(i ? "td" : "th", {}, text)))));
-    if (mine.done) byId("task_text").textContent = `Done in ${fixed(mine.time, 1)} s.`;
+    const rows = [["", "you"], ["time [s]", fixed(mine.time, 1)],
+      ["largest swing [°]", fixed(mine.largest_swing * DEGREES, 1)], ["energy [kJ]", fixed(mine.energy / 1000, 1)]];
+    const planned = best ? ["planner", fixed(best.time, 1), fixed(best.swing * DEGREES, 1),
+      fixed(best.energy / 1000, 1)] : [];
+    const score = byId("score"), columns = best ? 3 : 2;
+    if (score.rows.length !== rows.length || score.rows[0].cells.length !== columns) {
+      score.replaceChildren(...rows.map(() => element("tr", {},
+        ...Array.from({length: columns}, (_, i) => element(i ? "td" : "th")))));
+    }
+    rows.forEach((row, k) => [...row, ...planned.slice(k, k + 1)].forEach((text, i) =>
+      setText(score.rows[k].cells[i], text)));
+    if (mine.done) {
+      setText(byId("task_text"), `Done in ${fixed(mine.time, 1)} s. Choose another task, or press Reset to do it again.`);
+    }
+  }
+
+  /** Place the labels of distances on the ground where they are seen and overlap neither each other nor
+   * the pointer. */
+  _placeLabels() {
+    const {scene, free, pointed, labels = []} = this, taken = /** @type {number[][]} */ ([]);
+    /** Whether a label would be on the pointer. @param {number[]} place */
+    const onPointer = place => pointed && Math.abs(place[0] + LABEL_SIZE[0] / 2 - pointed[0]) < POINTER_SIZE[0]
+      && Math.abs(place[1] + LABEL_SIZE[1] / 2 - pointed[1]) < POINTER_SIZE[1];
+    for (const {point, span} of labels) {
+      const place = scene?.project(point);
+      const shown = place && free && place[0] > free.left && place[0] < free.right - LABEL_SIZE[0]
+        && place[1] > free.top && place[1] < free.bottom - LABEL_SIZE[1] && !onPointer(place)
+        && taken.every(([x, y]) => Math.abs(x - place[0]) > LABEL_SIZE[0] || Math.abs(y - place[1]) > LABEL_SIZE[1]);
+      if (span.hidden !== !shown) span.hidden = !shown;
+      if (!place || !shown) continue;
+      taken.push(place);
+      setPlace(span, place[0], place[1]);
+    }
   }
 
   /** Draw one picture, and now and then the rest. */
@@ -440,16 +655,13 @@ class Page {
     this.worker.postMessage({type: "sticks", values: this.hands.sticks()});
     look.t = state?.t ?? 0;
     scene?.draw(state?.q ?? this.data.crane.start, look);
-    for (const {point, span} of this.labels ?? []) {
-      const place = scene?.project(point);
-      span.hidden = !place;
-      if (place) span.style.translate = `${place[0].toFixed(1)}px ${place[1].toFixed(1)}px`;
-    }
+    this._pointToGoal(state);
+    this._placeLabels();
     if (state && this._frames++ % 3 === 0) {
       this._write(state);
       this.strips.draw(byId("lesson").open || this.assist === "none");
     }
-    if (performance.now() > (this._until ?? 0)) byId("event").textContent = "";
+    if (performance.now() > (this._until ?? 0)) setText(byId("event"), "");
     requestAnimationFrame(this._frame);
   }
 }

@@ -24,7 +24,8 @@
  * @property {number[]} drives
  * @property {{joint: number, point: number[]}[]} points Rope from the pivot to the load.
  * @property {number[]} order Place of each of them among the points that forces act on.
- * @property {number[]} rest Where the swing joints hang, by joint.
+ * @property {number[]} rest Where the swing joints hang with all drives at 0, by joint [rad].
+ * @property {number[][]} rest_slope Change of these angles, by swing, with the position of each drive.
  * @property {number[]} swings Joints of the swing.
  * @property {number[]} damping By joint.
  * @property {({effort: number, width: number} | null)[]} friction Dry friction by joint.
@@ -201,8 +202,8 @@ class Run {
 
   /** Size of the swing from rest [rad]. */
   get swing() {
-    const {swings, rest} = this.crane;
-    return Math.hypot(...swings.map(i => this.kernel.q[i] - rest[i]));
+    const {q} = this.kernel;
+    return Math.hypot(...this.crane.swings.map((i, k) => q[i] - hangingAngle(this.crane, k, q)));
   }
 
   /** Log a control instant and advance by a control period, unless the run has ended. It ends where
@@ -328,8 +329,9 @@ class Run {
     task.energy += Math.max(rates.reduce((sum, v, i) => sum + v * effort[i], 0), 0) * period;
     const {goal} = task;
     const distance = goal ? Math.hypot(...load.map((x, i) => x - goal[i])) : 0;
-    const {v} = this.state;
-    const rate = Math.hypot(...this.crane.swings.map(i => v[i]));
+    const {v} = this.state, {swings, drives, rest_slope} = this.crane;
+    const rate = Math.hypot(...swings.map((i, k) =>
+      drives.reduce((sum, joint, d) => sum - rest_slope[k][d] * v[joint], v[i])));
     const isStill = this.swing <= task.swing && rate <= task.swing;
     task.still = isStill && distance <= task.radius ? task.still + period : 0;
     task.done = task.still >= STILL_SECONDS;

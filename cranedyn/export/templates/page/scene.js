@@ -10,8 +10,14 @@ const PATH_SECONDS = 12;
 /** Number of points of that path. */
 const PATH_POINTS = 150;
 
+/** Longest way of a drive that a view shows [m or rad]. */
+const MAX_WAY = 200;
+
 /** Largest number of points of all lines. */
-const MAX_LINE_POINTS = 640;
+const MAX_LINE_POINTS = 800;
+
+/** Least width of a line where fewer pixels are drawn than the screen has [pixels]: a thinner one has gaps. */
+const LEAST_WIDTH = 1.2;
 
 /** Numbers of a vertex: position, normal, colour and body. */
 const VERTEX_FLOATS = 11;
@@ -25,10 +31,44 @@ const TANGENT = Math.tan(0.42);
 /** Radius of the rope [m]. */
 const ROPE_RADIUS = 0.05;
 
+/** Distance of the eye over the least from which all is seen. */
+const FIT_MARGIN = 1.06;
+
+/** Direction in which the view from the side looks at a crane that turns: square to the jib, and a
+ * little down. Along the jib, to its left, up. */
+const SQUARE_TO_JIB = [0, 0.99, -0.12];
+
+/** The same for a crane that does not turn, along its longer and its shorter side: obliquely, so that
+ * its ways along both are seen. */
+const OBLIQUE = [-0.45, 0.83, -0.33];
+
+/** Length of the rope from which on cameras, rings and what stands for a size are not scaled down [m]. */
+const USUAL_ROPE = 5;
+
+/** Shares of the screen's resolution that are drawn: at most, at least, and at first where no graphics
+ * processor draws. */
+const QUALITY = {most: 1, least: 0.4, software: 0.64};
+
+/** Time between two pictures that counts as slow [ms]. */
+const SLOW_PICTURE = 45;
+
+/** Number of slow pictures after which fewer pixels are drawn. */
+const SLOW_PICTURES = 10;
+
 /** Time in which the eye moves from one view to another [s]. */
 const MOVE_SECONDS = 0.6;
 
-const UNIFORMS = ["bodies", "camera", "cut", "eye", "forward", "ground", "lamp", "night", "right", "shade", "size", "up"];
+/** Time constant with which the picture follows a change of its free part [s]. */
+const FREE_SECONDS = 0.15;
+
+/** Distance at which haze takes half of the light: at least [m], and over the distance of what is looked
+ * at, so that a large crane is seen. */
+const HAZE = {least: 200, ratio: 3};
+
+/** Number of dashes from the load to its goal on the ground. */
+const GOAL_DASHES = 24;
+
+const UNIFORMS = ["ahead", "bodies", "camera", "clear", "cut", "eye", "ground", "lamp", "right", "shade", "size", "up"];
 
 /** Red, green and blue of a hex colour, 0 to 1. @param {string} hex */
 const channels = hex => [1, 3, 5].map(i => parseInt(hex.slice(i, i + 2), 16) / 255);
@@ -83,6 +123,19 @@ function surface({kind, size, vertices = [], triangles = []}) {
   return revolve(points.slice(1).map((point, k) => [points[k], point]), 16);
 }
 
+/** Half of the edges of the box about a shape in its own frame [m]. @param {Shape} shape */
+function halfEdges({kind, size}) {
+  if (kind === "cylinder") return [size[0], size[0], size[1] / 2];
+  if (kind === "sphere") return [size[0], size[0], size[0]];
+  return size.map(edge => edge / 2);
+}
+
+/** The eight corners of a box. @param {number[]} low @param {number[]} high */
+const boxCorners = (low, high) => Array.from({length: 8}, (_, i) => low.map((x, k) => i >> k & 1 ? high[k] : x));
+
+/** @param {ArrayLike<number>} a @param {ArrayLike<number>} b */
+const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
+
 /** Whether no graphics processor draws here; smooth edges then cost half of the pictures. */
 function drawsInSoftware() {
   const gl = document.createElement("canvas").getContext("webgl2");
@@ -94,7 +147,8 @@ function drawsInSoftware() {
 class Scene {
   /** @param {HTMLCanvasElement} canvas @param {ViewData} data */
   constructor(canvas, data) {
-    const gl = canvas.getContext("webgl2", {stencil: true, alpha: false, antialias: !drawsInSoftware()});
+    const inSoftware = drawsInSoftware();
+    const gl = canvas.getContext("webgl2", {stencil: true, alpha: false, antialias: !inSoftware});
     if (!gl) throw new Error("This browser has no WebGL 2: there are numbers, but no picture.");
     const {crane} = data;
     this.canvas = canvas; this.gl = gl; this.crane = crane;
@@ -103,9 +157,8 @@ class Scene {
     this.rope = crane.points.map(() => [0, 0, 0]);
     /** Three rows of each pose: of the world, the joints, the pieces of the rope. */
     this.bodies = new Float32Array(12 * (crane.joints.length + crane.points.length));
-    this.body = this._program("body");
-    this.back = this._program("back");
-    this.line = this._program("line");
+    /** Programs by day and by night, compiled when they are first needed. @type {Programs[]} */
+    this._compiled = [];
     gl.enable(gl.BLEND);
     gl.blendFunc(gl.SRC_ALPHA, gl.ONE_MINUS_SRC_ALPHA);
     gl.stencilFunc(gl.EQUAL, 0, 255);
@@ -116,6 +169,13 @@ class Scene {
     this._path = new Float32Array(3 * PATH_POINTS);
     this._pathLength = this._pathTime = this._lineCount = 0;
     this.eye = [0, 0, 0]; this.target = [0, 0, 0]; this.forward = [0, 0, 0];
+    /** The part of the picture that nothing covers: its middle and half of its size, where the picture
+     * reaches from -1 to 1 and y is up. */
+    this.free = {x: 0, y: 0, halfWidth: 1, halfHeight: 1};
+    /** What it is to become. */
+    this.nextFree = {...this.free};
+    /** Ray through the middle of the picture, one unit ahead. */
+    this.ahead = [0, 0, 0];
     /** Sideways and upward to the edges of the picture, one unit ahead. */
     this.right = [0, 0, 0]; this.up = [0, 0, 0];
     this.camera = new Float32Array(16);
@@ -124,7 +184,7 @@ class Scene {
     this._view = "";
     this._blend = this._zoom = 1;
     /** Share of the screen's resolution that is drawn, less where the machine is slow. */
-    this.quality = 1;
+    this.quality = inSoftware ? QUALITY.software : QUALITY.most;
     this._last = this._slow = 0;
     this._colours = [data.colours.x || "#D55E00", "#009E73", "#0072B2"].map(channels);
     /** Joint along whose axis the operator looks: the trolley, or the last that moves level. */
@@ -133,9 +193,15 @@ class Scene {
     this.turning = crane.joints.some(joint => joint.role === "slew");
     /** Radius about the load that nothing hides in the view that follows it [m]. */
     this.clearing = 0.5 + Math.hypot(...crane.load[7].map((x, k) => x - crane.load[3][k])) / 2;
+    /** Height of the crane, and distance from its middle to its farthest end [m]. */
     this.height = this.reach = 0;
-    this.lengthwise = false;
     this.middle = [0, 0, 0];
+    /** Direction of the jib on the ground, (dx, dy); (-dy, dx) points to the left of it. */
+    this.jib = [0, -1];
+    /** Corners of the box about the crane on all of its ways [m]: along the jib, to its left, up. */
+    this.corners = [[0, 0, 0]];
+    /** Scale of what a small crane needs smaller. */
+    this.scale = 1;
     this._move(crane.start);
     this._measure();
     this.build(data.site?.solids ?? []);
@@ -144,12 +210,21 @@ class Scene {
   /** Position of the load in the world [m]. */
   get load() { return this.rope[this.rope.length - 1]; }
 
-  /** Compile the program of a name and look up its uniforms. @param {string} name */
-  _program(name) {
+  /** All programs, by day (0) or by night (1). @param {number} night */
+  _programs(night) {
+    this._compiled[night] ??= {body: this._program("body", night), back: this._program("back", night),
+      line: this._program("line", night)};
+    return this._compiled[night];
+  }
+
+  /** Compile the program of a name and look up its uniforms. @param {string} name
+   * @param {number} night 0 by day, 1 by night. */
+  _program(name, night) {
     const {gl} = this, program = gl.createProgram();
     /** @param {string} id */
     const text = id => document.getElementById(id)?.textContent ?? "";
-    const head = `#version 300 es\nprecision highp float;\n#define BODIES ${this.bodies.length / 12}\n`;
+    const head = "#version 300 es\nprecision highp float;\n"
+      + `#define BODIES ${this.bodies.length / 12}\n#define NIGHT ${night}.0\n`;
     for (const [type, source] of [[gl.VERTEX_SHADER, text(`${name}_vertex`)],
       [gl.FRAGMENT_SHADER, text("light") + text(`${name}_fragment`)]]) {
       const shader = /** @type {WebGLShader} */ (gl.createShader(Number(type)));
@@ -215,29 +290,52 @@ class Scene {
     gl.bufferData(gl.ARRAY_BUFFER, this._lines, gl.DYNAMIC_DRAW);
   }
 
-  /** Measure the crane as it stands, for the views of all of it. */
+  /** Measure the crane on all of its ways, for the views of all of it. */
   _measure() {
     const {kinematics, crane: {shapes, ground, joints, drives, start}, boom, turning} = this;
-    const placed = () => [...shapes.map(({joint, translation}) => kinematics.point(joint, translation)), this.load];
-    const places = [...placed(), [0, 0, ground]];
-    // A crane that does not turn may travel out of the picture: all of its way is in it.
-    for (const i of turning ? [] : drives) {
-      for (const end of [joints[i].lower, joints[i].upper]) {
-        if (joints[i].kind !== "prismatic" || Math.abs(end) > 1e6) continue;
+    const places = /** @type {number[][]} */ ([]);
+    const add = () => {
+      for (const {joint, translation, rotation, ...shape} of shapes) {
+        const half = halfEdges(/** @type {Shape} */ (shape));
+        for (const corner of boxCorners(half.map(x => -x), half)) {
+          places.push(kinematics.point(joint, translation.map((x, k) => x + dot(rotation.slice(3 * k), corner))));
+        }
+      }
+      places.push([...this.load]);
+    };
+    this._turnJib();
+    const [dx, dy] = this.jib;
+    add();
+    for (const i of drives) {
+      // A crane that turns is followed, and a range may be endless.
+      const {kind, role, axis, lower, upper} = joints[i];
+      if (role === "slew" || kind === "revolute" && Math.abs(axis[2]) > 0.9) continue;
+      for (const end of [lower, upper]) {
+        if (Math.abs(end) > MAX_WAY) continue;
         this._move(Object.assign([...start], {[i]: end}));
-        places.push(...placed());
+        add();
       }
     }
     this._move(start);
-    const [low, high] = [Math.min, Math.max].map(end =>
-      [0, 1, 2].map(k => end(...places.map(place => place[k]))));
-    /** Height [m], distance from the middle to the farthest end [m], and middle of the crane [m]. */
+    const pivot = this.rope[0], rope = Math.hypot(...pivot.map((x, k) => x - this.load[k]));
+    this.scale = Math.min(1, rope / USUAL_ROPE);
+    places.push([pivot[0], pivot[1], ground]);
+    const inJib = places.map(([x, y, z]) => [x * dx + y * dy, y * dx - x * dy, Math.max(z, ground)]);
+    const [low, high] = [Math.min, Math.max].map(end => [0, 1, 2].map(k => end(...inJib.map(place => place[k]))));
+    this.corners = boxCorners(low, high);
     this.height = high[2] - ground;
-    /** Whether it reaches farther along X than along Y. */
-    this.lengthwise = high[0] - low[0] > high[1] - low[1];
-    this.middle = low.map((x, k) => turning && k < 2 ? 0 : (x + high[k]) / 2);
-    this.reach = Math.max(5, turning && boom >= 0 ? joints[boom].upper : 0,
-      ...[low, high].flatMap(ends => [0, 1].map(k => Math.abs(ends[k] - this.middle[k]))));
+    const [along, left] = [0, 1].map(k => turning ? 0 : (low[k] + high[k]) / 2);
+    this.middle = [along * dx - left * dy, along * dy + left * dx, (low[2] + high[2]) / 2];
+    this.reach = Math.max(turning && boom >= 0 ? joints[boom].upper : 0, high[0] - along, along - low[0],
+      high[1] - left, left - low[1]);
+  }
+
+  /** Find the direction of the jib on the ground. */
+  _turnJib() {
+    if (this.boom < 0) return;
+    const pose = this.kinematics.poses[this.boom], {axis} = this.crane.joints[this.boom];
+    const [x, y] = [0, 3].map(k => dot(pose.slice(k, k + 3), axis)), length = Math.hypot(x, y);
+    if (length > 1e-9) this.jib = [x / length, y / length];
   }
 
   /** Move all bodies. @param {ArrayLike<number>} q Coordinates [rad or m]. */
@@ -267,10 +365,13 @@ class Scene {
    * where it then hangs [m]: each drive in turn takes the step that brings it nearest.
    * @param {ArrayLike<number>} start @param {number[]} goal */
   reachFor(start, goal) {
-    const {crane: {drives, joints, swings, rest, points}, kinematics} = this, q = Array.from(start);
+    const {crane, kinematics} = this, {drives, joints, swings, points} = crane, q = Array.from(start);
     const {joint, point} = points[points.length - 1];
-    const place = () => (kinematics.move(q), kinematics.point(joint, point));
-    for (const i of swings) q[i] = rest[i];
+    const place = () => {
+      swings.forEach((i, k) => { q[i] = hangingAngle(crane, k, q); });
+      kinematics.move(q);
+      return kinematics.point(joint, point);
+    };
     for (let round = 0; round < 12; round++) {
       for (const i of drives) {
         const here = place();
@@ -286,17 +387,18 @@ class Scene {
 
   /** Draw one picture. @param {ArrayLike<number>} q Coordinates [rad or m]. @param {Look} look */
   draw(q, look) {
-    const {gl, bodies} = this, night = Number(look.night), {counts = []} = this;
+    const {gl, bodies, counts = []} = this, programs = this._programs(Number(look.night));
     const passed = this._resize();
     this._move(q);
+    this._moveFree(passed);
     this._aim(q, look.view, passed);
     const grounded = this._layLines(look);
     gl.clear(gl.DEPTH_BUFFER_BIT | gl.STENCIL_BUFFER_BIT);
     gl.disable(gl.DEPTH_TEST);
-    this._use(this.back, night);
+    this._use(programs.back);
     gl.drawArrays(gl.TRIANGLES, 0, 3);
 
-    const body = this._use(this.body, night);
+    const body = this._use(programs.body);
     gl.uniformMatrix3x4fv(body.bodies, false, bodies);
     this._array.bind();
     // Each pixel is darkened once; the shadow of the load, the darker one, comes first.
@@ -306,10 +408,10 @@ class Scene {
     gl.uniform4f(body.shade, 0, 0, 0.02, look.night ? 0.35 : 0.2);
     gl.drawArrays(gl.TRIANGLES, 0, counts[0]);
     gl.disable(gl.STENCIL_TEST);
-    this._drawLines(0, grounded);
+    this._drawLines(programs.line, 0, grounded);
 
     gl.enable(gl.DEPTH_TEST);
-    this._use(this.body, night);
+    this._use(programs.body);
     this._array.bind();
     gl.uniform4f(body.shade, 0, 0, 0, 0);
     gl.uniform4f(body.cut, 0, 0, 0, 0);
@@ -320,32 +422,32 @@ class Scene {
     gl.drawArrays(gl.TRIANGLES, counts[1], counts[2] - counts[1]);
     gl.depthMask(false);
     gl.drawArrays(gl.TRIANGLES, counts[2], counts[3] - counts[2]);
-    this._drawLines(grounded, this._lineCount);
+    this._drawLines(programs.line, grounded, this._lineCount);
     gl.depthMask(true);
   }
 
-  /** Use a program, with what all of them know. @param {{program: WebGLProgram,
-   * uniforms: Record<string, WebGLUniformLocation | null>}} program @param {number} night */
-  _use({program, uniforms}, night) {
+  /** Use a program, with what all of them know. @param {Program} program */
+  _use({program, uniforms}) {
     const {gl, canvas} = this;
     gl.useProgram(program);
-    gl.uniform1f(uniforms.night, night);
     gl.uniform1f(uniforms.ground, this.crane.ground);
+    const distance = Math.hypot(...this.eye.map((x, k) => x - this.target[k]));
+    gl.uniform1f(uniforms.clear, Math.max(HAZE.least, HAZE.ratio * distance));
     gl.uniform3fv(uniforms.lamp, this.rope[0]);
-    for (const name of /** @type {const} */ (["eye", "forward", "right", "up"])) gl.uniform3fv(uniforms[name], this[name]);
+    for (const name of /** @type {const} */ (["eye", "ahead", "right", "up"])) gl.uniform3fv(uniforms[name], this[name]);
     gl.uniformMatrix4fv(uniforms.camera, false, this.camera);
     gl.uniform2f(uniforms.size, canvas.width, canvas.height);
     return uniforms;
   }
 
-  /** Fit the drawing to the window, with fewer pixels where 20 pictures took long; return the time
-   * since the last picture [s]. */
+  /** Fit the drawing to the window, with fewer pixels where pictures took long; return the time since
+   * the last picture [s]. */
   _resize() {
     const {canvas} = this, now = performance.now(), passed = Math.min(now - this._last, 500);
     this._last = now;
-    this._slow = Math.max(0, this._slow + (passed > 45 ? 1 : -1));
-    if (this._slow > 20 && this.quality > 0.65) {
-      this.quality *= 0.8;
+    this._slow = Math.max(0, this._slow + (passed > SLOW_PICTURE ? 1 : -1));
+    if (this._slow > SLOW_PICTURES && this.quality > QUALITY.least) {
+      this.quality = Math.max(QUALITY.least, 0.8 * this.quality);
       this._slow = 0;
     }
     const ratio = this.quality * (window.devicePixelRatio || 1);
@@ -356,10 +458,18 @@ class Scene {
     return passed / 1000;
   }
 
+  /** Let the free part of the picture follow what it is to become. @param {number} passed [s] */
+  _moveFree(passed) {
+    const {free, nextFree} = this, share = this._view ? 1 - Math.exp(-passed / FREE_SECONDS) : 1;
+    for (const key of /** @type {const} */ (["x", "y", "halfWidth", "halfHeight"])) {
+      free[key] += share * (nextFree[key] - free[key]);
+    }
+  }
+
   /** Set eye and target of a view, and move there from the view before.
    * @param {ArrayLike<number>} q @param {string} view @param {number} passed [s] */
   _aim(q, view, passed) {
-    const {eye, target, load, crane, middle, height, reach} = this;
+    const {eye, target, load, crane, middle, height, reach, scale, turning} = this;
     const aspect = this.canvas.width / this.canvas.height, [pivot] = this.rope;
     if (view !== this._view) {
       // The orbit goes round from the view before; a page that begins with it has none yet.
@@ -373,36 +483,28 @@ class Scene {
       this._zoom = 1;
       this._view = view;
     }
-    // Direction of the jib on the ground, (dx, dy); (dy, -dx) points to the right of it.
-    let [dx, dy] = [0, -1];
-    if (this.boom >= 0) {
-      const pose = this.kinematics.poses[this.boom], [x, y, z] = crane.joints[this.boom].axis;
-      [dx, dy] = [0, 3].map(k => pose[k] * x + pose[k + 1] * y + pose[k + 2] * z);
-    }
-    const zoom = this._zoom, far = zoom * 1.5 * Math.max(height / 2, 0.75 * reach / aspect) / TANGENT;
-    let along = 0, right = 0, up = 0;
+    this._turnJib();
+    const [dx, dy] = this.jib, zoom = this._zoom;
+    const box = this.corners.map(([u, w, z]) => [u * dx - w * dy, u * dy + w * dx, z]);
     if (view === "cabin") {
-      along = this.boom < 0 ? 0 : crane.joints[this.boom].lower - q[this.boom];
-      [right, up] = [-1.9, -0.7];
+      const along = this.boom < 0 ? 0 : crane.joints[this.boom].lower - q[this.boom];
+      const [right, up] = [-1.9 * scale, -0.7 * scale];
       for (let k = 0; k < 3; k++) target[k] = load[k] + (k < 2 ? 0.5 : 0.15) * (pivot[k] - load[k]);
+      [eye[0], eye[1], eye[2]] = [pivot[0] + along * dx + right * dy, pivot[1] + along * dy - right * dx, pivot[2] + up];
     } else if (view === "follow") {
-      [along, right, up] = [13 * zoom, -9 * zoom, 6.5 * zoom];
-      [target[0], target[1], target[2]] = [load[0], load[1], load[2] + 1];
+      const [along, right, up] = [13, -9, 6.5].map(x => x * zoom * scale);
+      [target[0], target[1], target[2]] = [load[0], load[1], load[2] + scale];
+      [eye[0], eye[1], eye[2]] = [load[0] + along * dx + right * dy, load[1] + along * dy - right * dx, load[2] + up];
     } else if (view === "top") {
       // Not straight above, so that -Y, along the jib at the start, is up.
-      up = height + 1.05 * zoom * reach / TANGENT / Math.min(1, aspect);
-      [target[0], target[1], target[2]] = [middle[0], middle[1] - 0.1, crane.ground];
+      const low = [middle[0] - reach, middle[1] - reach, crane.ground];
+      const circle = boxCorners(low, [middle[0] + reach, middle[1] + reach, crane.ground + height]);
+      this._fit(turning ? circle : box, [0, -1e-3, -1], aspect);
     } else if (view === "side") {
-      // A crane that does not turn is seen square to its longer side.
-      if (!this.turning) [dx, dy] = this.lengthwise ? [1, 0] : [0, -1];
-      const ahead = this.turning ? 0.3 * reach : 0;
-      [target[0], target[1], target[2]] = [middle[0] + ahead * dx, middle[1] + ahead * dy, middle[2]];
-      [right, up] = [far, 0.06 * far];
-    }
-    const from = view === "cabin" ? pivot : view === "follow" ? load : view === "top" ? middle : target;
-    [eye[0], eye[1]] = [from[0] + along * dx + right * dy, from[1] + along * dy - right * dx];
-    eye[2] = (view === "top" ? crane.ground : from[2]) + up;
-    if (view === "orbit") {
+      const low = this.corners[0], high = this.corners[7], across = high[1] - low[1] > high[0] - low[0];
+      const [a, b, up] = turning ? SQUARE_TO_JIB : OBLIQUE, [along, left] = across ? [b, a] : [a, b];
+      this._fit(box, [along * dx - left * dy, along * dy + left * dx, up], aspect);
+    } else {
       const {yaw, pitch, distance} = this._orbit, flat = distance * Math.cos(pitch);
       [eye[0], eye[1]] = [target[0] + flat * Math.cos(yaw), target[1] + flat * Math.sin(yaw)];
       eye[2] = target[2] + distance * Math.sin(pitch);
@@ -418,25 +520,56 @@ class Scene {
     this._look(aspect);
   }
 
+  /** Set the axes of the camera for a direction in which it looks. @param {number[]} direction */
+  _face(direction) {
+    const {right, up, forward} = this, length = Math.hypot(...direction) || 1;
+    direction.forEach((x, k) => { forward[k] = x / length; });
+    const flat = Math.hypot(forward[0], forward[1]) || 1;
+    [right[0], right[1], right[2]] = [forward[1] / flat, -forward[0] / flat, 0];
+    [up[0], up[1], up[2]] = cross(right, forward);
+  }
+
+  /** Set eye and target so that points [m] just fit into the free part of the picture.
+   * @param {number[][]} points @param {number[]} direction In which the eye looks.
+   * @param {number} aspect */
+  _fit(points, direction, aspect) {
+    const {eye, target, right, up, forward, free} = this;
+    this._face(direction);
+    /** Middle of the points along an axis. @param {number[]} axis */
+    const middle = axis => {
+      const places = points.map(point => dot(point, axis));
+      return (Math.min(...places) + Math.max(...places)) / 2;
+    };
+    const [x, y, z] = [right, up, forward].map(middle);
+    // A point at the depth d + (z' - z) is seen if its distance from the axis is at most the tangent of
+    // the half angle times that depth.
+    const distances = points.map(point => Math.max(
+      Math.abs(dot(point, right) - x) / (TANGENT * aspect * free.halfWidth),
+      Math.abs(dot(point, up) - y) / (TANGENT * free.halfHeight)) - (dot(point, forward) - z));
+    const distance = FIT_MARGIN * this._zoom * Math.max(...distances);
+    for (let k = 0; k < 3; k++) {
+      target[k] = x * right[k] + y * up[k] + z * forward[k];
+      eye[k] = target[k] - distance * forward[k];
+    }
+  }
+
   /** Compute axes and matrix of the camera from eye and target. @param {number} aspect */
   _look(aspect) {
-    const {eye, target, right, up, forward, camera} = this, near = 0.3, far = 900;
-    const length = Math.hypot(...target.map((x, k) => x - eye[k])) || 1;
-    target.forEach((x, k) => { forward[k] = (x - eye[k]) / length; });
-    const flat = Math.hypot(forward[0], forward[1]) || 1;
-    [right[0], right[1]] = [forward[1] / flat, -forward[0] / flat];
-    [up[0], up[1], up[2]] = cross(right, forward);
+    const {eye, target, right, up, forward, ahead, camera, free} = this, near = 0.3 * this.scale, far = 900;
+    this._face(target.map((x, k) => x - eye[k]));
     const deep = (far + near) / (far - near);
     for (let i = 0; i < 4; i++) {
       /** @param {number[]} axis */
-      const along = axis => i < 3 ? axis[i] : -axis[0] * eye[0] - axis[1] * eye[1] - axis[2] * eye[2];
-      camera[4 * i] = along(right) / (TANGENT * aspect);
-      camera[4 * i + 1] = along(up) / TANGENT;
+      const along = axis => i < 3 ? axis[i] : -dot(axis, eye);
+      // What is straight ahead is in the middle of the free part.
+      camera[4 * i] = along(right) / (TANGENT * aspect) + free.x * along(forward);
+      camera[4 * i + 1] = along(up) / TANGENT + free.y * along(forward);
       camera[4 * i + 2] = deep * along(forward) - (i < 3 ? 0 : 2 * far * near / (far - near));
       camera[4 * i + 3] = along(forward);
     }
     right.forEach((x, k) => { right[k] = TANGENT * aspect * x; });
     up.forEach((x, k) => { up[k] = TANGENT * x; });
+    forward.forEach((x, k) => { ahead[k] = x - free.x * right[k] - free.y * up[k]; });
   }
 
   /** Turn the orbit by a drag [pixels]. @param {number} x @param {number} y */
@@ -454,9 +587,9 @@ class Scene {
   /** Point of the ground [m] under a point of the window [pixels], null above the horizon.
    * @param {number} x @param {number} y */
   pick(x, y) {
-    const {eye, forward, right, up, crane: {ground}, canvas: {clientWidth, clientHeight}} = this;
+    const {eye, ahead, right, up, crane: {ground}, canvas: {clientWidth, clientHeight}} = this;
     const u = 2 * x / clientWidth - 1, w = 1 - 2 * y / clientHeight;
-    const ray = forward.map((f, k) => f + u * right[k] + w * up[k]), way = (ground - eye[2]) / ray[2];
+    const ray = ahead.map((f, k) => f + u * right[k] + w * up[k]), way = (ground - eye[2]) / ray[2];
     return way > 0 && way < 500 ? eye.map((e, k) => e + way * ray[k]) : null;
   }
 
@@ -464,7 +597,19 @@ class Scene {
   project([x, y, z]) {
     const {camera: m, canvas} = this;
     const [u, v, w] = [0, 1, 3].map(k => m[k] * x + m[4 + k] * y + m[8 + k] * z + m[12 + k]);
-    return w > 1 ? [(1 + u / w) / 2 * canvas.clientWidth, (1 - v / w) / 2 * canvas.clientHeight] : null;
+    return w > 0.3 * this.scale ? [(1 + u / w) / 2 * canvas.clientWidth, (1 - v / w) / 2 * canvas.clientHeight] : null;
+  }
+
+  /** Way in the window from the middle of its free part to a point [m]: to the right and down
+   * [pixels]. Behind the eye it is as long as the window, in the direction to turn to.
+   * @param {number[]} point */
+  wayTo([x, y, z]) {
+    const {camera: m, free, canvas: {clientWidth, clientHeight}} = this;
+    const [u, v, w] = [0, 1, 3].map(k => m[k] * x + m[4 + k] * y + m[8 + k] * z + m[12 + k]);
+    const way = [(u - free.x * w) * clientWidth / 2, -(v - free.y * w) * clientHeight / 2];
+    if (w > 0.3 * this.scale) return way.map(pixels => pixels / w);
+    const length = Math.hypot(...way) || 1;
+    return way.map(pixels => pixels / length * (clientWidth + clientHeight));
   }
 
   /** Lay out all lines; return how many of their points lie on the ground. @param {Look} look */
@@ -481,8 +626,17 @@ class Scene {
     this._lineCount = 0;
     if (goal) this._ring(goal, ground, radius, green);
     if (aim) this._ring(aim, ground, 0.5, blue);
-    this._ring(load, ground, 0.35, ink);
+    this._ring(load, ground, 0.35 * this.scale, ink);
+    for (let i = 0; goal && i < GOAL_DASHES; i++) {
+      for (const [share, width] of [[i / GOAL_DASHES, 2.2], [(i + 0.5) / GOAL_DASHES, 0]]) {
+        const [x, y] = load.map((from, k) => from + share * (goal[k] - from));
+        this._point(x, y, ground, width, green, 0.8);
+      }
+    }
     const grounded = this._lineCount;
+    // From afar the rope is thinner than a pixel.
+    this.rope.forEach(([x, y, z], i) =>
+      this._point(x, y, z, i < this.rope.length - 1 ? 1.6 : 0, night ? [0.3, 0.3, 0.3] : ink, 1));
     // A plumb line below the trolley shows the swing, one below the load where it is.
     for (let z = pivot[2]; z > ground; z -= 0.9) {
       this._point(pivot[0], pivot[1], z, 1, ink, 0.4);
@@ -508,7 +662,7 @@ class Scene {
     const to = this._lines, i = LINE_FLOATS * this._lineCount;
     if (this._lineCount >= MAX_LINE_POINTS) return;
     [to[i], to[i + 1], to[i + 2]] = [x, y, z];
-    to[i + 3] = width * this.canvas.width / this.canvas.clientWidth;
+    to[i + 3] = width && Math.max(LEAST_WIDTH, width * this.canvas.width / this.canvas.clientWidth);
     [to[i + 4], to[i + 5], to[i + 6], to[i + 7]] = [colour[0], colour[1], colour[2], alpha];
     this._lineCount++;
   }
@@ -522,10 +676,11 @@ class Scene {
     }
   }
 
-  /** Draw the lines between points. @param {number} first @param {number} last */
-  _drawLines(first, last) {
+  /** Draw the lines between points. @param {Program} program @param {number} first
+   * @param {number} last */
+  _drawLines(program, first, last) {
     const {gl} = this;
-    this._use(this.line, 0);
+    this._use(program);
     this._lineArray.bind(first);
     if (!first) gl.bufferSubData(gl.ARRAY_BUFFER, 0, this._lines);
     gl.drawArraysInstanced(gl.TRIANGLE_STRIP, 0, 4, last - first - 1);

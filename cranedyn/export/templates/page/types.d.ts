@@ -26,6 +26,8 @@ interface Exercise extends TaskData {
   solids: Solid[] | null;
   blind: boolean;
   best: {time: number; swing: number; energy: number} | null;
+  /** Why a task that is planned has no score. */
+  no_best: string;
 }
 
 interface ViewData extends Omit<PageData, "tasks" | "crane" | "sliders"> {
@@ -85,4 +87,16 @@ interface Plot {
   /** Least end of its axis. */
   least: number;
   curves: Curve[];
+}
+
+/** A program of the picture with the places of its uniforms. */
+interface Program {
+  program: WebGLProgram;
+  uniforms: Record<string, WebGLUniformLocation | null>;
+}
+
+interface Programs {
+  body: Program;
+  back: Program;
+  line: Program;
 }
