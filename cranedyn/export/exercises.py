@@ -198,7 +198,7 @@ def lift_exercise(crane: Crane, limits: Limits, site: Site) -> Exercise | None:
     """
     if site.start is None or site.goal is None or len(site.goal) == 2:
         return None
-    text = f"Lift the load from start to goal, the green ring, of the site {site.name}."
+    text = f"Lift the load to the green ring, the goal of the site {site.name}."
     exercise = Exercise("lift", "The lift", text, crane.start, site.goal)
     return _planned(crane, limits, exercise, site)
 
