@@ -322,8 +322,11 @@ def test_progress_is_shown_in_words() -> None:
         shown.append((task.completed, task.total, task.fields["speed"]))
     assert shown == [
         (40, 4000, "40 of 4000 cases"),
-        (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad, 2:11:40 left"),  # 3950 / 0.5 s
+        (50, 4000, "50 of 4000 cases, 0.5/s, 2 bad"),  # the bar tells the time left itself
     ]
+    progress = Progress(50, cases=4000, errors=2, before=40)
+    left = "2:11:40 left"  # 3950 / 0.5 s
+    assert reports._rate(progress, 20.0) == f"50 of 4000 cases, 0.5/s, 2 bad, {left}"
 
 
 def test_progress_is_told_to_a_terminal_and_elsewhere_in_a_line_now_and_then(
