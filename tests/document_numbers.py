@@ -110,7 +110,7 @@ def _energy(result: Result) -> Sentences:
     steps = [f"{row['at most [J]']:.2f}" for row in result.table("What the ledger")]
     unexplained = damping[1]["unexplained, at most [J]"]
     return [f"open by {unexplained:.2f} J of 1652 J at most"], [
-        f"open by {unexplained:.2f} J at most",
+        f"closes to within {unexplained:.2f} J",
         f"({steps[0]}, {steps[1]} and {steps[2]} J at 1, 0.5 and 0.25 ms)",
         f"leaves {damping[2]['energy left [J]']:.1f} J after six seconds",
         f"the closed form says {damping[2]['closed form, fixed pivot [J]']:.1f} J",

@@ -5,6 +5,7 @@ prints, its files are whole or not there.
 from __future__ import annotations
 
 import csv
+import json
 import math
 import re
 import shlex
@@ -25,6 +26,7 @@ from cranedyn.model.load import load_crane
 from experiments import a3, harness
 from tests.dynamics.test_converters import CART
 from tests.helpers import FAST, ROOT, python
+from tests.model.test_foreign import RIGID
 
 PAGES = {path.name: path.read_text(encoding="utf-8") for path in ROOT.glob("docs/*/*.md")}
 EXPORTERS = plugins.names("exporter")
@@ -43,6 +45,11 @@ def test_a_command_of_the_page_writes_what_it_says(
     words: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.chdir(tmp_path)
+    # Files that the pages call the reader's own: a crane whose hook is rigid, and a gain.
+    Path("crane.urdf").write_text(RIGID, encoding="utf-8")
+    gain = {"D": [[0.0], [0.4], [0.0]], "inputs": ["phi"]}
+    commands = [f"{symbol}_dot_command" for symbol in ("gamma", "x", "l")]
+    Path("my_gain.json").write_text(json.dumps({**gain, "outputs": commands}), encoding="utf-8")
     exporter, target, *others = shlex.split(words)
     if exporter == "mcap":
         pytest.importorskip("mcap_ros2", reason="not installed: pip install 'cranedyn[mcap]'")
