@@ -170,11 +170,11 @@ class RatedLoads:
         Raises:
             OutOfRange: If the chart gives loads by radius.
         """
-        if len(self.radii) > 1:
+        if self.radii[-1] != ANY_RADIUS:
             raise OutOfRange(
                 f"chart on {self.count} falls",
-                f"{len(self.radii)} loads by radius",
-                "one load, since this crane does not slew and has no radius",
+                "loads by radius",
+                "one load, rated, since this crane does not slew and has no radius",
             )
         return float(self.rated[0])
 

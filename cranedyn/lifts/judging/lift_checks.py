@@ -93,7 +93,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     compared as its description draws it.
     """
     clearance = analysis.certificate.lift.clearance
-    if not isinstance(clearance, TowerClearance):
+    if not isinstance(clearance, TowerClearance) or not _is_entered_as_tower(analysis):
         return Check(
             "Every part of the crane that moves is compared as its description draws it: "
             f"{', '.join(clearance.parts.moving)}.",
@@ -122,6 +122,14 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     return Check(
         "[counter_jib] length of the site is missing; it turns freely with the length drawn.", None
     )
+
+
+def _is_entered_as_tower(analysis: LiftAnalysis) -> bool:
+    """Return whether the site enters jib and counter-jib: those of the tower crane of this project,
+    where `[crane]` names no other one. Another description has them.
+    """
+    described = analysis.site.description
+    return described is None or described.is_tower
 
 
 def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
@@ -190,11 +198,13 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     site = analysis.site
     if LoadJoints.of(analysis.crane).travel is not None:
         return _wheels_pressed(analysis)
+    if "radius_m" not in analysis.loads.values:
+        return Check("What the crane stands on is not judged: it neither slews nor travels.", None)
     missing = []
     if site.base is None:
         missing.append("[base]")
     # The description of another crane has the masses of its boom and counterweight.
-    is_tower = isinstance(analysis.certificate.lift.clearance, TowerClearance)
+    is_tower = _is_entered_as_tower(analysis)
     if is_tower and not any(arm.centre >= 0.0 for arm in site.arms):
         missing.append("[jib]")
     if is_tower and not any(arm.centre <= 0.0 for arm in site.arms):

@@ -29,8 +29,8 @@ class LoadJoints:
         trolley: The joint that slides the pivot of the rope along a level jib or bridge.
         travel: The drive next to the ground, if it slides level and carries another drive: the one
             by which the crane runs on rails.
-        pivot: The joint whose origin is where the rope begins: a trolley of that role, or else the
-            first swing.
+        pivot: The joint whose origin is where the rope begins: the first swing, or the trolley of a
+            crane whose load does not swing.
     """
 
     hoist: int | None
@@ -43,9 +43,9 @@ class LoadJoints:
     def of(cls, crane: Crane) -> LoadJoints:
         """Return those of a crane.
 
-        Without joints of these roles the slew is the drive nearest to the load that turns the pivot
-        about the vertical, and the trolley the one nearest to it that slides the pivot level, other
-        than the one by which the crane travels.
+        The slew is the drive nearest to the ground that turns the pivot about the vertical. Without
+        a joint of that role, the trolley is the one nearest to the load that slides the pivot
+        level, other than the one by which the crane travels.
         """
         layout = crane.layout
         of_role = {joint.role: i for i, joint in enumerate(layout.joints) if joint.role}
@@ -53,15 +53,15 @@ class LoadJoints:
         if hoist is None and crane.winch is not None:
             hoist = int(layout.drives[crane.winch])
         first_swing = int(crane.swings[0]) if len(crane.swings) else None
-        slew = of_role.get("slew")
+        slew = None
         trolley = of_role.get("trolley")
         travel = None
         carriers = _drives_above(crane, first_swing)
         for joint in carriers:
             axis = _axis_at_start(crane, joint)
             turns = layout.joints[joint].kind == "revolute"
-            if slew is None and turns and abs(axis[2]) >= ALIGNED:
-                slew = joint
+            if turns and abs(axis[2]) >= ALIGNED:
+                slew = joint  # the last one is nearest to the ground
             if turns or abs(axis[2]) > _LEVEL or joint == trolley:
                 continue
             stands = int(crane.model.parents[joint + 1]) == 0
@@ -69,7 +69,9 @@ class LoadJoints:
                 travel = joint
             elif trolley is None:
                 trolley = joint
-        pivot = of_role.get("trolley", first_swing)
+        if slew is None:
+            slew = of_role.get("slew")
+        pivot = trolley if first_swing is None else first_swing
         return cls(hoist, slew, trolley, travel, pivot)
 
 

@@ -103,7 +103,7 @@ def loads(
 
     With a slew, too:
 
-    * `radius_m`: distance of the trolley, or of the pivot at the end of a boom, from the slew axis.
+    * `radius_m`: distance of the pivot of the rope from the slew axis.
     * `load_moment_Nm`: pull times radius, which is what a load moment indicator shows.
     * `ring_vertical_N`: force on the slewing ring, downwards positive.
     * `ring_tilting_Nm`: moment in the plane of the jib, jib down positive.
@@ -218,6 +218,12 @@ def loads_of_rows(
         # A weight W at r along the jib turns the foot by r × (-W up).
         moment = foot.moment + np.cross(outward, -_UP) * arm_moment
         foot = foot._replace(force=foot.force - _UP * arm_weight, moment=moment)
+    # What is fixed to the ground passes through no joint: a portal whose travel is locked.
+    fixed = crane.model.inertias[0]
+    if fixed.mass > 0.0:
+        weight = -_UP * fixed.mass * crane.gravity
+        moment = foot.moment + np.cross(fixed.lever, weight)
+        foot = foot._replace(force=foot.force + weight, moment=moment)
     base_weight = 0.0 if base is None else base.mass * crane.gravity
     columns |= {
         "foot_vertical_N": -foot.force[:, 2] + base_weight,
@@ -227,7 +233,11 @@ def loads_of_rows(
         "torsion_Nm": foot.moment[:, 2],
     }
     if base is not None:
-        corners = corner_forces(base, foot, crane.gravity, heading=heading).T
+        about = foot
+        if joints.slew is not None:  # the base is centred below the slew axis
+            centre = moving.origin(joints.slew) * np.array([1.0, 1.0, 0.0])
+            about = foot._replace(moment=foot.moment - np.cross(centre, foot.force))
+        corners = corner_forces(base, about, crane.gravity, heading=heading).T
         columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
     if runway is not None:
         columns |= _of_wheels(crane, moving, runway, columns["pull_N"])
@@ -278,10 +288,10 @@ def wheel_forces(
     """Return the force of each wheel on its rail [N], shape (rows, 4): on the first rail the front
     and the rear wheel, then those on the second rail; negative where a wheel would lift.
 
-    The bridge is a beam on both rails, and each of its ends one on both wheels: a force V at c
-    across from the middle of the rails, which are s apart, and at a ahead of the middle of the
-    wheels, which are w apart, presses by F = V (1/2 ± c/s) (1/2 ± a/w). What acts on the crane at
-    another height than that of the rails is in c and a.
+    A stiff frame on four equal supports presses by F = V (1/4 ± c/(2 s) ± a/(2 w)) with the force
+    V at c across from the middle of the rails, which are s apart, and at a ahead of the middle of
+    the wheels, which are w apart. Forces of several loads add. What acts on the crane at another
+    height than that of the rails is in c and a.
 
     Args:
         runway: The rails.
@@ -293,10 +303,10 @@ def wheel_forces(
     # Positive towards the first rail.
     aside = (across - (first + second) / 2.0) / (first - second)
     ahead = along / runway.wheel_base
-    forces = []
-    for rail in (0.5 + aside, 0.5 - aside):
-        forces += [vertical * rail * wheel for wheel in (0.5 + ahead, 0.5 - ahead)]
-    return np.stack(forces, axis=1)
+    shares = []
+    for rail in (aside, -aside):
+        shares += [0.25 + (rail + wheel) / 2.0 for wheel in (ahead, -ahead)]
+    return np.stack([vertical * share for share in shares], axis=1)
 
 
 def _of_wheels(
@@ -442,7 +452,8 @@ def _of_ring(
     assert joints.slew is not None and joints.pivot is not None
     outward, aside = _jib_directions(moving, joints)
     ring = moving.through(joints.slew)
-    radius = _along(moving.origin(joints.pivot) - ring.point, outward)
+    across = moving.origin(joints.pivot) - ring.point
+    radius = np.hypot(across[:, 0], across[:, 1])
     return {
         "radius_m": radius,
         "load_moment_Nm": pull * radius,
@@ -465,6 +476,10 @@ def _jib_directions(moving: CraneStates, joints: LoadJoints) -> tuple[np.ndarray
         assert joints.slew is not None and joints.pivot is not None
         outward = moving.origin(joints.pivot) - moving.origin(joints.slew)
         what = "distance of the pivot from the slew axis [m]"
+    if joints.slew is not None and joints.pivot is not None:
+        # The axis of a trolley may point inward.
+        to_pivot = moving.origin(joints.pivot) - moving.origin(joints.slew)
+        outward = outward * np.where(_along(outward, to_pivot) < 0.0, -1.0, 1.0)[:, None]
     outward = outward * np.array([1.0, 1.0, 0.0])
     length = np.linalg.norm(outward, axis=1)
     if not (length > _MIN_HORIZONTAL_PART).all():

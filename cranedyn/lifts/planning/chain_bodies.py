@@ -94,21 +94,20 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
             rise = 0.0 if load is None else float(load[:, 2].max()) - drawn.top
             hook = box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, rise]))
             hook_drawn = True
+        elif load is not None:
+            # What is drawn may be a load or a hook block, so that it stays above the load.
+            rise = float(load[:, 2].max()) - float(drawn.load[:, 2].min())
+            hook = box_around(drawn.load + np.array([0.0, 0.0, rise]))
+            hook_drawn = True
         else:
             hook = _small_hook(corners)
     assert corners is not None
     links = {}
-    undrawn = []
     names = _link_names(crane)
     for joint in crane.layout.drives[:2].tolist():
         of_link = shapes.get(joint + 1, [])
         if of_link:
             links[joint] = Link(names[joint], of_link)
-        else:
-            undrawn.append(names[joint])
-    for joint in crane.swings.tolist():
-        if shapes.get(joint + 1):
-            undrawn.append(f"{names[joint]}, which swings,")
     width = float(np.max(hook.size[:2]))
     return ChainBodies(
         hook=hook,
@@ -117,7 +116,7 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
         hook_turn=turn,
         standing=[corners_of(shape) for shape in shapes.get(0, [])],
         links=links,
-        undrawn=tuple(undrawn),
+        undrawn=_undrawn(crane, shapes, names),
         hook_drawn=hook_drawn,
     )
 
@@ -129,6 +128,38 @@ def _small_hook(load: np.ndarray | None) -> BoundingBox:
     return BoundingBox(np.array([0.0, 0.0, top + ROPE_RADIUS]), np.array([side, side, side]))
 
 
+def _undrawn(
+    crane: Crane, shapes: dict[int, list[DrawnShape]], names: dict[int, str]
+) -> tuple[str, ...]:
+    """Return the names of links of which nothing is compared: those with a mass and no shape, those
+    between the swing joints that have shapes, and what a file of another format draws otherwise.
+    """
+    undrawn = []
+    hook = crane.payload.body + 1
+    swings = (crane.swings + 1).tolist()
+    for link in ET.fromstring(crane.urdf).iterfind("link"):
+        name = link.get("name", "")
+        frame = crane.model.getFrameId(name, pin.FrameType.BODY)
+        if frame >= crane.model.nframes:
+            continue
+        joint = crane.model.frames[frame].parentJoint
+        has_shape = link.find("collision") is not None or link.find("visual") is not None
+        weighs = link.find("inertial/mass") is not None
+        if weighs and not has_shape and joint != hook and joint not in swings:
+            undrawn.append(name.removesuffix("_link"))
+    for joint in crane.layout.drives[:2].tolist():
+        if not shapes.get(joint + 1) and names[joint] not in undrawn:
+            undrawn.append(names[joint])
+    for joint in crane.swings.tolist():
+        if shapes.get(joint + 1):
+            undrawn.append(f"{names[joint]}, which swings,")
+    # Sentences of the readers of MJCF and SDF.
+    for sentence in crane.assumptions:
+        if any(part in sentence for part in ("not drawn", "a shape without a size", "looks are")):
+            undrawn.append(f"all that its file shows ({sentence.rstrip('.')})")
+    return tuple(undrawn)
+
+
 def _link_names(crane: Crane) -> dict[int, str]:
     """Return the name of the link that each joint carries, without the ending "_link", by the index
     of the joint among the coordinates.
@@ -138,9 +169,12 @@ def _link_names(crane: Crane) -> dict[int, str]:
         child = joint.find("child")
         if child is not None:
             children[joint.get("name", "")] = child.get("link", "")
-    names = {}
+    names: dict[int, str] = {}
     for i, described in enumerate(crane.layout.joints):
-        name = children.get(described.name, described.name).removesuffix("_link")
+        whole = children.get(described.name, described.name)
+        name = whole.removesuffix("_link")
+        if name in names.values():  # such as jib and jib_link
+            name = whole
         # A link that is called as what hangs would count as that.
         names[i] = f"link {name}" if name in HANGING else name
     return names
@@ -151,19 +185,19 @@ def _shapes_by_joint(crane: Crane) -> dict[int, list[DrawnShape]]:
     link with shapes for collisions these, else those that are drawn.
 
     Raises:
-        ModelError: If a link shows a mesh among these.
+        ModelError: If a link shows another shape, one without a size, or one that Pinocchio's
+            reader left out.
     """
     robot = ET.fromstring(crane.urdf)
+    expected = 0
     for link in robot.iterfind("link"):
         kind = "collision" if link.find("collision") is not None else "visual"
         for other in {"collision", "visual"} - {kind}:
             for element in link.findall(other):
                 link.remove(element)
-        if link.find(f"{kind}/geometry/mesh") is not None:
-            raise ModelError(
-                f"The link {link.get('name', '')} of the crane shows a mesh; clearance needs "
-                "boxes, cylinders or spheres. Draw them as <collision> of that link."
-            )
+        for element in link.findall(kind):
+            _check_shape(element, link.get("name", ""))
+            expected += 1
     text = ET.tostring(robot, encoding="unicode")
     shapes: dict[int, list[DrawnShape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
@@ -171,4 +205,36 @@ def _shapes_by_joint(crane: Crane) -> dict[int, list[DrawnShape]]:
             placement = shape.placement
             drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
             shapes.setdefault(int(shape.parentJoint), []).append(drawn)
+    found = sum(len(of_joint) for of_joint in shapes.values())
+    if found != expected:
+        raise ModelError(
+            f"Of {expected} shapes of the crane {found} could be read; check each <geometry> and "
+            "<origin> of its description."
+        )
     return shapes
+
+
+def _check_shape(element: ET.Element, link: str) -> None:
+    """Refuse a shape that clearance does not know, or that has no size.
+
+    Raises:
+        ModelError: With the link and the shape.
+    """
+    geometry = element.find("geometry")
+    shape = None if geometry is None or not len(geometry) else geometry[0]
+    sizes = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+    if shape is None or shape.tag not in sizes:
+        shown = "no shape" if shape is None else f"a {shape.tag}"
+        raise ModelError(
+            f"The link {link} of the crane shows {shown}; clearance needs boxes, cylinders or "
+            "spheres. Draw them as <collision> of that link."
+        )
+    words = " ".join(shape.get(name, "") for name in sizes[shape.tag]).split()
+    try:
+        has_size = len(words) > 0 and all(float(word) > 0.0 for word in words)
+    except ValueError:
+        has_size = False
+    if not has_size:
+        raise ModelError(
+            f"A {shape.tag} of the link {link} of the crane has a size that is not above 0."
+        )

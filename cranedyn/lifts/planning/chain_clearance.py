@@ -51,8 +51,14 @@ _SAME_PLACE = 1e-6
 _POSTURES = 5
 """Positions of each drive in which the shortest cable is looked for."""
 
+_TRIED_LENGTHS = 40
+"""Lengths of the rope at which it is looked whether the hook touches the link that carries it."""
+
 _CABLE_TOLERANCE = 1e-3
 """Accuracy of the shortest cable [m]."""
+
+_LEVEL = 1e-3
+"""Vertical part of a unit axis up to which it is level, as 1 mrad."""
 
 _PLUMB_STEP = 1e-6
 """Time over which the rate of a plumb rope is taken by a difference [s]."""
@@ -107,12 +113,33 @@ class _OwnLink(NamedTuple):
     Attributes:
         joint: Index of the joint that carries it.
         field: Its shapes, in the frame of that joint.
-        bodies: What keeps from it: the load, and the hook if it hangs on another link.
+        bodies: What keeps the required distance from it: the load, and the hook if it hangs on
+            another link.
+        touching: What may come near to it and must not touch it: the hook if it hangs on this link,
+            and otherwise the rope, which may run between two girders.
     """
 
     joint: int
     field: Field
     bodies: tuple[str, ...]
+    touching: tuple[str, ...]
+
+
+class _Margins(NamedTuple):
+    """Margins at a place [m].
+
+    Attributes:
+        hanging: Of what hangs to everything from which it keeps the required distance.
+        zones: Of what hangs to zones.
+        structure: Of links that drives move, to everything from which they keep that distance.
+        contact: Of all to what they must not touch, see `ChainClearance._touching`; infinite where
+            it was not asked for.
+    """
+
+    hanging: float
+    zones: float
+    structure: float
+    contact: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,9 +163,14 @@ class ChainClearance(Clearance):
     def parts(self) -> CraneParts:
         """See `Clearance`."""
         own: dict[str, tuple[str, ...]] = {OWN_STRUCTURE: HANGING}
-        for joint, link in self.bodies.links.items():
-            carries_rope = joint == self.chain.carriers[1]
-            own[f"own {link.name}"] = ("load",) if carries_rope else BELOW_UPPER
+        last = self.bodies.links.get(self.chain.carriers[1])
+        if last is not None and self.bodies.standing:
+            own[OWN_STRUCTURE] = (*HANGING, last.name)
+        for link in self.bodies.links.values():
+            own[f"own {link.name}"] = BELOW_UPPER if link is last else HANGING
+        tipped = tuple(self.bodies.links[joint].name for joint in self._tipped_links)
+        if tipped:
+            own[GROUND] = tipped
         if self.site.base is not None:
             own[OWN_BASE] = HANGING
         links = tuple(link.name for link in self.bodies.links.values())
@@ -163,11 +195,12 @@ class ChainClearance(Clearance):
 
     @cached_property
     def shortest_cable(self) -> float:
-        """Least coordinate of the hoist at which the hook does not touch the link that carries it
-        [m], in a few positions of both drives over their ranges.
+        """Least coordinate of the hoist from which on the hook does not touch the link that carries
+        it [m], in a few positions of both drives over their ranges.
 
         A link that leans, such as a boom, is nearest to the hook in another position than one that
-        is level, so that no formula tells it. Between the positions it is not proven.
+        is level, so that no formula tells it. It is where a search begins; that the hook touches
+        nothing is proven with everything else, see `_touching`.
         """
         lowest = float(self.crane.lower[self.hoist])
         longest = float(self.crane.upper[self.hoist])
@@ -181,13 +214,16 @@ class ChainClearance(Clearance):
         def touches(carriers: np.ndarray, length: float) -> bool:
             q = self.q(np.array([*carriers, length]))
             carrier, load = self._frames(q, self.chain.carriers[1], self.hoist)
-            return field.least(hook.put(carrier.inverse() * load)) <= 0.0
+            return field.least(hook.put(carrier.inverse() * load)) <= 2.0 * ROUNDING
 
         shortest = lowest
         for carriers in self._grid(_POSTURES):
-            if not touches(carriers, shortest):
+            # From the longest rope upwards, to the first length at which they touch.
+            lengths = np.linspace(longest, shortest, _TRIED_LENGTHS)
+            touching = next((i for i, length in enumerate(lengths) if touches(carriers, length)), 0)
+            if not touching:
                 continue
-            free = longest
+            free, shortest = lengths[touching - 1], lengths[touching]
             while free - shortest > _CABLE_TOLERANCE:
                 middle = (free + shortest) / 2.0
                 if touches(carriers, middle):
@@ -195,7 +231,7 @@ class ChainClearance(Clearance):
                 else:
                     free = middle
             shortest = free
-        return shortest
+        return float(shortest)
 
     @cached_property
     def reach(self) -> tuple[float, float]:
@@ -541,26 +577,26 @@ class ChainClearance(Clearance):
 
     def margin(self, q: np.ndarray, envelope: float = 0.0) -> float:
         """See `Clearance`. The envelope is that of what hangs; drives and not the swing move the
-        other bodies.
+        other bodies. With an envelope, as in the search for a motion, `_touching` is left out: it
+        is asked of coordinates as they are, which a certificate proves.
         """
         if not np.isfinite(q).all():
             return -math.inf
-        hanging, zones, structure = self._margins_of_bodies(q)
-        return min(hanging - envelope, zones - envelope, structure) - ROUNDING
+        hanging, zones, structure, contact = self._margins_of_bodies(q, contacts=envelope == 0.0)
+        return min(hanging - envelope, zones - envelope, structure, contact) - ROUNDING
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
-        hanging, zones, structure = self._margins_of_bodies(q)
-        return min(hanging, structure) - ROUNDING, zones - ROUNDING
+        hanging, zones, structure, contact = self._margins_of_bodies(q)
+        return min(hanging, structure) - ROUNDING, min(zones, contact) - ROUNDING
 
-    def _margins_of_bodies(self, q: np.ndarray) -> tuple[float, float, float]:
-        """Return the margins of what hangs to everything but zones, to zones, and of the links that
-        drives move [m].
-        """
+    def _margins_of_bodies(self, q: np.ndarray, *, contacts: bool = True) -> _Margins:
+        """Return the margins of all bodies, with or without those of `_touching`."""
         hanging = math.inf
         zones = math.inf
         structure = math.inf
+        contact = math.inf
         for name, field, moving in itertools.chain(self._placed(q), self._placed_near_own(q)):
             least = field.least(moving)
             if name not in HANGING:
@@ -569,7 +605,9 @@ class ChainClearance(Clearance):
                 zones = min(zones, least)
             else:
                 hanging = min(hanging, least)
-        return hanging, zones, structure
+        for _, field, moving in self._touching(q) if contacts else ():
+            contact = min(contact, field.least(moving))
+        return _Margins(hanging, zones, structure, contact)
 
     # --- what is compared with what ---------------------------------------------------------------
 
@@ -582,8 +620,13 @@ class ChainClearance(Clearance):
             if len(self._solids):
                 yield link.name, self._solids
         for own in self._own_links:
-            for name in own.bodies:
+            for name in (*own.bodies, *own.touching):
                 yield name, own.field
+        last = self.bodies.links.get(self.chain.carriers[1])
+        if last is not None and len(self._standing_field):
+            yield last.name, self._standing_field
+        for joint in self._tipped_links:
+            yield self.bodies.links[joint].name, self._ground
 
     @property
     def own_shape_counts(self) -> dict[str, int]:
@@ -664,8 +707,58 @@ class ChainClearance(Clearance):
         for joint, link in self.bodies.links.items():
             name = f"own {link.name}"
             field = Field((name, hull(corners_of(shape))) for shape in link.shapes)
-            links.append(_OwnLink(joint, field, self.parts.own[name]))
+            carries_rope = joint == self.chain.carriers[1]
+            bodies = ("load",) if carries_rope else BELOW_UPPER
+            links.append(_OwnLink(joint, field, bodies, ("hook" if carries_rope else "rope",)))
         return links
+
+    @cached_property
+    def _standing_field(self) -> Field:
+        """What stands of the crane, but for its base."""
+        return Field((OWN_STRUCTURE, hull(corners)) for corners in self.bodies.standing)
+
+    @cached_property
+    def _ground(self) -> Field:
+        """The ground of the site."""
+        level = self.site.ground - float(self.site.foot[2])
+        return Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))])
+
+    @cached_property
+    def _tipped_links(self) -> list[int]:
+        """Joints of the links whose height changes as drives move: they keep from the ground."""
+        tipped = []
+        for joint in self.bodies.links:
+            drives = [carrier for carrier in self.chain.carriers if carrier <= joint]
+            if any(self._moves_up(carrier) for carrier in drives):
+                tipped.append(joint)
+        return tipped
+
+    def _moves_up(self, joint: int) -> bool:
+        """Return whether a drive changes the height of what it carries."""
+        axis = self.crane.layout.joints[joint].axis
+        if self.chain.turns(joint):
+            return joint in self._tipping
+        return abs(axis[2]) > _LEVEL or any(carrier < joint for carrier in self._tipping)
+
+    @cached_property
+    def _not_inflated(self) -> dict[str, Body]:
+        """Hook and rope, for links that they must not touch."""
+        hook = self.bodies.hook
+        hook_place = coal.Transform3s(np.eye(3), hook.centre)
+        return {
+            "hook": Body(coal.Box(hook.size), 0.0, hook_place),
+            "rope": Body(coal.Capsule(self.bodies.falls, 1.0), 0.0),
+        }
+
+    @cached_property
+    def _last_link(self) -> list[Body]:
+        """Shapes of the link that carries the rope, not inflated."""
+        link = self.bodies.links.get(self.chain.carriers[1])
+        bodies = []
+        for shape in [] if link is None else link.shapes:
+            within = coal.Transform3s(shape.rotation, shape.translation)
+            bodies.append(Body(shape.geometry, 0.0, within))
+        return bodies
 
     @cached_property
     def _load_and_hook(self) -> dict[str, Body]:
@@ -702,3 +795,28 @@ class ChainClearance(Clearance):
             relative = frames[own.joint].inverse() * load
             for name in own.bodies:
                 yield name, own.field, self._load_and_hook[name].put(relative)
+        for joint in self._tipped_links:
+            for link, of_joint, body in self._moving:
+                if of_joint == joint:
+                    yield link, self._ground, body.put(frames[joint])
+
+    def _touching(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield what must not touch, and of which no distance is required, as `_placed_near_own`:
+        the rope and links above it, the hook and the link that it hangs on, that link and what
+        stands.
+        """
+        first, second = self.chain.carriers
+        first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
+        frames = {first: first_frame, second: second_frame}
+        length = float(self.cable(q))
+        for own in self._own_links:
+            relative = frames[own.joint].inverse() * load
+            for name in own.touching:
+                body = self._not_inflated[name]
+                if name == "rope":
+                    body.stretch(length)
+                yield name, own.field, body.put(relative)
+        if not len(self._standing_field):
+            return
+        for body in self._last_link:
+            yield "link", self._standing_field, body.put(second_frame)

@@ -138,14 +138,14 @@ class HoistChain:
         # e1 × d.
         self._side_sign = float(np.cross(self._second_axis, self._rope) @ self._first_axis)
         self._ahead = np.cross(self._first_axis, self._rope)
-        lever = self._rotations[hoist] @ crane.payload.lever
-        at_end = self._origins[hoist] - self._origins[second_swing] + lever
+        at_end = self._origins[hoist] - self._origins[second_swing]
         self.offset = float(at_end @ self._rope)
-        aside = float(np.linalg.norm(at_end - self.offset * self._rope))
-        if aside > _POSITION_TOLERANCE:
+        lever = float(np.linalg.norm(crane.payload.lever))
+        if lever > _POSITION_TOLERANCE:
             raise ModelError(
-                f"The centre of mass of the load is {aside:.4g} m beside the axis of the hoist, so "
-                "that the load would not hang below the pivot; put it on the axis."
+                f"The centre of mass of the load is {lever:.4g} m from the frame of the joint "
+                f"{crane.layout.joints[hoist].name}. A planned lift has the load about that frame; "
+                "put the origin of the joint there."
             )
 
     def at_zero(self, joint: int, point: np.ndarray) -> np.ndarray:

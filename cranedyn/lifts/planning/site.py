@@ -160,7 +160,8 @@ KINDS = ("tower", "luffing", "overhead")
 
 @dataclass(frozen=True)
 class Base:
-    """A square base on which a tower stands by four corners, its sides along X and Y of the site.
+    """A square base on which a tower stands by four corners, its sides along X and Y of the site,
+    centred below the slew axis.
 
     Attributes:
         spacing: Distance between neighbouring corners [m].
@@ -318,7 +319,7 @@ class Site(ShortRepr):
         number("required distance", self.distance, "m", "> 0")
         within("swing of the load", self.swing, MIN_SWING, MAX_SWING, "rad")
         for solid in self.solids:
-            if solid.name in RESERVED_NAMES:
+            if solid.name in RESERVED_NAMES or solid.name.startswith("own "):
                 raise DataError(
                     f"An obstacle is called {quoted(solid.name)}, as the program calls a part of "
                     "its own; give it another name."

@@ -77,6 +77,8 @@ def read_site(path: str | Path) -> Site:
     drives = TOWER_DRIVES if description is None else _drives_of(description, crane)
     if not is_tower:
         _refuse_tower_tables(tables)
+    if tables["runway"].values and tables["base"].values:
+        tables["base"].fail("spacing", "[runway] is given, too: a crane on rails has no base.")
     lift = tables["lift"]
     wind = tables["wind"]
     rigging = tables["rigging"]

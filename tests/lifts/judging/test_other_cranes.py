@@ -88,6 +88,55 @@ def test_wheels_of_an_overhead_crane_carry_it_as_a_beam_on_two_supports(x: float
     assert "radius_m" not in found
 
 
+def test_the_radius_of_a_crane_from_a_file_is_that_of_its_rope_not_of_its_trolleys_frame(
+    tmp_path: Path,
+) -> None:
+    text = (EXAMPLES / "portal_crane.urdf").read_text()
+    # A jib crane whose trolley slides on the boom's joint, and whose rope begins 4 m beyond it.
+    text = text.replace('name="luff_joint" type="revolute"', 'name="luff_joint" type="prismatic"')
+    text = text.replace(
+        '<axis xyz="-1 0 0"/>\n    <limit lower="0.5" upper="1.35" effort="8e6" velocity="0.03"/>',
+        '<axis xyz="0 1 0"/>\n    <limit lower="-20" upper="-2" effort="8e6" velocity="1"/>',
+    )
+    text = text.replace('<origin xyz="0 -30 0"/>', '<origin xyz="0 -4 0"/>')
+    text = text.replace(
+        '<param name="initial_value">1.0</param>', '<param name="initial_value">-8</param>'
+    )
+    (tmp_path / "jib.urdf").write_text(text)
+    jib = load_crane(tmp_path / "jib.urdf", locked={"travel_joint": 12.0})
+    found = at_rest(jib, jib.start)
+    assert found["radius_m"] == pytest.approx(2.0 + 8.0 + 4.0)
+    assert found["load_moment_Nm"] == pytest.approx(5000.0 * jib.gravity * 14.0)
+
+
+def test_a_portal_that_stands_weighs_on_its_corners_about_its_slew_axis() -> None:
+    portal = load_crane(EXAMPLES / "portal_crane.urdf", locked={"travel_joint": 12.0})
+    g = portal.gravity
+    state = portal.state(luff=1.0)
+    found = at_rest(portal, state, base=Base(10.0, 0.0))
+    masses = 60000.0 + 50000.0 + 9000.0 + 5000.0 + 80.0
+    assert found["foot_vertical_N"] == pytest.approx(masses * g)
+    radius = 2.0 + 30.0 * np.cos(1.0)
+    boom = 2.0 + 15.0 * np.cos(1.0)
+    # About the slew axis: the counterweight 2 m behind it, boom, and what hangs.
+    tilting = g * (5080.0 * radius + 9000.0 * boom - 50000.0 * 2.0)
+    corners = np.array([found[f"corner_{i}_N"][0] for i in range(1, 5)])
+    # The boom points along -Y: corners 3 and 4.
+    assert corners[2] + corners[3] - corners[0] - corners[1] == pytest.approx(tilting / 5.0)
+    assert corners[0] == pytest.approx(corners[1])
+
+
+def test_of_two_drives_about_the_vertical_the_one_near_the_ground_slews(tmp_path: Path) -> None:
+    text = (EXAMPLES / "portal_crane.urdf").read_text()
+    text = text.replace(
+        '<axis xyz="-1 0 0"/>\n    <limit lower="0.5"',
+        '<axis xyz="0 0 1"/>\n    <limit lower="0.5"',
+    )
+    (tmp_path / "elbow.urdf").write_text(text)
+    elbow = load_crane(tmp_path / "elbow.urdf", locked={"travel_joint": 12.0})
+    assert LoadJoints.of(elbow).slew == 0
+
+
 def test_wheel_loads_of_a_crane_that_does_not_travel_are_refused() -> None:
     crane = load_crane()
     with pytest.raises(MissingRole, match="Wheel loads of a runway"):

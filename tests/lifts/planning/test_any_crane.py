@@ -11,8 +11,9 @@ import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
 
-from cranedyn.errors import ModelError
+from cranedyn.errors import CraneError, ModelError
 from cranedyn.lifts.planning.certificate import certify
+from cranedyn.lifts.planning.chain_bodies import chain_bodies
 from cranedyn.lifts.planning.chain_clearance import ChainClearance
 from cranedyn.lifts.planning.clearance import ROUNDING, OutOfReach
 from cranedyn.lifts.planning.clearance_of import clearance_of
@@ -85,6 +86,7 @@ def test_the_pivot_moves_as_pinocchio_has_it(kind: str) -> None:
 def test_a_place_hangs_the_load_plumb_at_its_point(kind: str) -> None:
     asked = clearance(kind)
     places = random_places(asked, 20)
+    places[:, 2] = np.maximum(places[:, 2], asked.shortest_cable)
     points = asked.point(places)
     data = asked.crane.model.createData()
     for point, q in zip(points, asked.q(places), strict=True):
@@ -217,7 +219,7 @@ def test_a_boom_keeps_from_obstacles_as_its_load_does() -> None:
     # The boom begins at a height of 40 m and rises by half a radian along -Y.
     middle = (0.0, -22.5 * np.cos(0.5))
     height = 40.0 + 22.5 * np.sin(0.5)
-    for gap in (0.2, 1.0):
+    for gap in (0.2, 0.7):
         # Its underside is half of its height of 1.4 m below its middle, at right angles to it.
         top = height - 0.7 / np.cos(0.5) - gap / np.cos(0.5)
         mast = Site("test", (box("mast", middle, (0.02, 0.02, top), 0.0),), load=LOAD)
@@ -226,7 +228,7 @@ def test_a_boom_keeps_from_obstacles_as_its_load_does() -> None:
         assert (found.body, found.obstacle) == ("boom", "mast")
         assert found.distance == pytest.approx(gap, abs=0.02)
         assert beside.margin(q) == pytest.approx(gap - 0.5, abs=0.02)
-    assert asked.margin(q) > 1.0
+    assert asked.margin(q, envelope=1e-9) > 1.0
 
 
 LIMITS = {
@@ -333,6 +335,111 @@ def test_a_link_that_swings_is_not_drawn_for_nothing(tmp_path: Path) -> None:
     check = coverage_check(ChainClearance(drawn, Site("test", (), load=LOAD)), frozenset())
     assert check.verdict is Verdict.NOT_JUDGED
     assert "swing_r, which swings" in check.sentence
+
+
+def changed_portal(folder: Path, old: str, new: str) -> Crane:
+    text = PORTAL.read_text("utf-8")
+    assert old in text
+    (folder / "changed.urdf").write_text(text.replace(old, new, 1))
+    return load_crane(folder / "changed.urdf", locked={"travel_joint": 12.0})
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ('<box size="1.2 30 1.2"/>', '<box size="1.2 -30 1.2"/>'),
+        ('<box size="1.2 30 1.2"/>', '<capsule radius="0.6" length="30"/>'),
+        ('<box size="1.2 30 1.2"/>', ""),
+        ('<box size="1.2 30 1.2"/>', '<mesh filename="boom.stl"/>'),
+        ('<box size="1.2 30 1.2"/>', '<cylinder radius="0.6" length="0"/>'),
+    ],
+)
+def test_a_shape_that_cannot_be_compared_is_refused_with_its_link(
+    tmp_path: Path, old: str, new: str
+) -> None:
+    with pytest.raises(CraneError, match=r"boom_link|size|shape|mesh"):
+        chain_bodies(changed_portal(tmp_path, old, new), LOAD)
+
+
+def test_a_part_of_a_boom_that_is_not_drawn_is_named(tmp_path: Path) -> None:
+    girder = """
+  <joint name="girder_joint" type="fixed"><parent link="boom_link"/><child link="girder"/></joint>
+  <link name="girder"><inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0"
+    iyz="0"/></inertial></link>
+</robot>"""
+    crane = changed_portal(tmp_path, "</robot>", girder)
+    assert ChainClearance(crane, Site("test", (), load=LOAD)).parts.undrawn == ("girder",)
+
+
+def test_two_links_of_one_name_but_for_its_ending_are_told_apart(tmp_path: Path) -> None:
+    text = PORTAL.read_text("utf-8").replace("upper_link", "boom")
+    (tmp_path / "names.urdf").write_text(text)
+    crane = load_crane(tmp_path / "names.urdf", locked={"travel_joint": 12.0})
+    parts = ChainClearance(crane, Site("test", (), load=LOAD)).parts
+    assert parts.moving == ("boom", "boom_link")
+    assert {"own boom", "own boom_link"} <= parts.own.keys()
+
+
+def test_a_load_whose_centre_is_not_at_its_joint_is_refused(tmp_path: Path) -> None:
+    crane = changed_portal(
+        tmp_path, '<mass value="5000"/>', '<origin xyz="0 0 -2"/><mass value="5000"/>'
+    )
+    with pytest.raises(ModelError, match="centre of mass of the load is 2 m from the frame"):
+        HoistChain(crane)
+
+
+def test_what_is_drawn_at_a_hook_stays_above_a_load_that_is_entered(tmp_path: Path) -> None:
+    block = '<visual><origin xyz="0 0 2.2"/><geometry><box size="0.6 0.6 1"/></geometry></visual>'
+    crane = changed_portal(tmp_path, block, "")
+    bodies = ChainClearance(crane, Site("test", (), load=corners(4.0, 4.0, 3.0))).bodies
+    assert bodies.hook.size == pytest.approx([2.0, 2.0, 2.0])
+    assert bodies.hook.centre[2] - 1.0 == pytest.approx(1.5)  # on top of the load
+
+
+def margin_as_is(crane: Crane, place: np.ndarray, **site: object) -> float:
+    asked = ChainClearance(crane, Site("test", (), load=LOAD, **site))  # type: ignore[arg-type]
+    return asked.margin(asked.q(place))
+
+
+def test_a_rope_through_the_cranes_own_deck_and_a_boom_in_its_own_column_are_seen(
+    tmp_path: Path,
+) -> None:
+    place = np.array([0.0, 0.6, 15.0])
+    assert margin_as_is(crane("portal"), place) > 0.0
+    # A deck of the slewing part below the end of the boom, through which the rope runs.
+    deck = '<visual><origin xyz="0 -25 5"/><geometry><box size="9 9 0.5"/></geometry></visual>'
+    upper = '<visual><origin xyz="0 2 2"/>'
+    assert margin_as_is(changed_portal(tmp_path, upper, deck + upper), place) < 0.0
+    # A column that stands where the boom is.
+    shape = '<visual><origin xyz="12 -20 15"/><geometry><box size="1 1 30"/></geometry></visual>'
+    column = f'<link name="world">{shape}</link>'
+    standing = changed_portal(tmp_path, '<link name="world"/>', column)
+    assert margin_as_is(standing, place) < 0.0
+
+
+def test_the_tail_of_a_boom_keeps_from_the_ground(tmp_path: Path) -> None:
+    tail = '<visual><origin xyz="0 16 0"/><geometry><box size="2 2 2"/></geometry></visual>'
+    boom = '<visual><origin xyz="0 -15 0"/>'
+    crane = changed_portal(tmp_path, boom, tail + boom)
+    flat, steep = np.array([0.0, 0.5, 15.0]), np.array([0.0, 1.3, 15.0])
+    assert margin_as_is(crane, flat) > 0.0
+    assert margin_as_is(crane, steep) < 0.0
+
+
+def test_a_hook_does_not_enter_what_hangs_from_the_link_above_it(tmp_path: Path) -> None:
+    # A deck below the end of the boom, which the hook meets on its way up.
+    cab = '<visual><origin xyz="0 -30 -9"/><geometry><box size="2 24 0.5"/></geometry></visual>'
+    boom = '<visual><origin xyz="0 -15 0"/>'
+    cabbed = changed_portal(tmp_path, boom, cab + boom)
+    asked = ChainClearance(cabbed, Site("test", (), load=LOAD))
+    lengths = np.arange(asked.shortest_cable + 0.1, 20.0, 0.25)
+    assert asked.shortest_cable > ChainClearance(crane("portal"), asked.site).shortest_cable
+    for luff in (0.5, 0.925):
+        q = asked.q(np.column_stack([0.0 * lengths, 0.0 * lengths + luff, lengths]))
+        contacts = [field.least(body) for row in q for _, field, body in asked._touching(row)]
+        assert min(contacts) > 0.0
+    below = asked.q(np.array([0.0, 0.5, 9.5]))  # the hook is in the deck
+    assert asked.margin(below) < 0.0
 
 
 def test_a_crane_with_another_drive_is_to_be_locked() -> None:
