@@ -240,6 +240,13 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
             f"Formulas: {_LOADS_PAGE}. Corners: base {base.spacing:g} m wide, "
             f"{base.mass / 1e3:g} t with mast and ballast, as entered.{source_note}"
         )
+    runway = analysis.site.runway
+    if runway is not None:
+        wheels = np.stack([carried[f"wheel_{i}_N"] for i in range(1, 5)], axis=1)
+        permitted = "-" if runway.permitted is None else f"{runway.permitted / 1e3:g}"
+        add("wheel, most", wheels.max(axis=1), 1e-3, "kN", permitted)
+        k = int(wheels.min(axis=1).argmin())
+        rows.append(["wheel, least [kN]", 1e-3 * float(wheels.min()), float(t[k]), "> 0"])
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
     return Table("Loads of the run", columns, rows, note)
 

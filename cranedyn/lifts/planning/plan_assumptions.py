@@ -26,7 +26,7 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
         crane: The crane.
         limits: Limits that the lift is planned with: those of the site if it enters any, or less.
     """
-    return [*_of_crane(crane), *_of_load(site, crane), *_of_motion(site, crane, limits)]
+    return [*_of_crane(site, crane), *_of_load(site, crane), *_of_motion(site, crane, limits)]
 
 
 def held_mass(crane: Crane) -> float:
@@ -48,12 +48,17 @@ def winch_of(crane: Crane) -> int:
     return crane.winch
 
 
-def _of_crane(crane: Crane) -> Iterator[Assumption]:
+def _of_crane(site: Site, crane: Crane) -> Iterator[Assumption]:
     """Yield which crane it is, and its gravity."""
+    described = site.description
     # A crane from a file of its own has no arguments in its record.
     arguments = crane.record.get("arguments")
-    if isinstance(arguments, dict):
-        value = "the tower crane of this package"
+    kind = "tower" if isinstance(arguments, dict) else ""
+    if described is not None and described.file is None:
+        kind = described.kind or f"machine {described.machine}"
+        arguments = site.crane
+    if kind:
+        value = f"the {kind} crane of this package"
         origin = Origin.SHIPPED
         if arguments:
             changed = ", ".join(f"{name} {x:g}" for name, x in sorted(arguments.items()))

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.assumptions import Origin
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import DataError, MissingRole, OutOfRange
 from cranedyn.interfaces import State
@@ -16,6 +17,8 @@ from cranedyn.lifts.judging.chart import read_chart, utilisation
 from cranedyn.lifts.judging.judgement import judge
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import Loads, loads_of_rows
+from cranedyn.lifts.planning.lift import crane_of
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
 from cranedyn.lifts.planning.site import Base, Runway
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.model.crane import Crane
@@ -217,6 +220,15 @@ def test_a_site_says_which_crane_it_is_or_is_refused_with_its_line(
     hall.write_text(HALL.replace(old, new))
     with pytest.raises(DataError, match=sentence):
         read_site(hall)
+
+
+def test_a_crane_of_this_package_is_called_shipped_with_what_was_entered_of_it(hall: Path) -> None:
+    site = read_site(hall)
+    crane = crane_of(site)
+    assert site.limits is not None
+    of_crane = plan_assumptions(site, crane, site.limits)[0]
+    assert of_crane.origin is Origin.SHIPPED
+    assert of_crane.value.startswith("the overhead crane of this package with bridge_effort 50000")
 
 
 def test_drives_of_another_crane_are_entered_in_its_order_and_units(tmp_path: Path) -> None:
