@@ -441,7 +441,7 @@ class ChainClearance(Clearance):
         lines = self._lines(places[:, :2])
         pivot_moved, turned = self._pivot_bound(lines, change)
         # The envelope of the swing grows with the rope.
-        hoisted = float(reach[2]) * (1.0 + 2.0 * math.sin(self.site.swing / 2.0))
+        hoisted = float(reach[2]) * (1.0 + self.swing_chord)
         # A plumb load turns about the vertical only, no faster than the drives turn the crane.
         spread = self.bodies.spread
         hanging = float(pivot_moved[0]) + spread * float(turned[0]) + hoisted

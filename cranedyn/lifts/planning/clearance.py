@@ -349,9 +349,22 @@ class Clearance(ABC):
         """Return how far a point of load, hook or rope may be from where it is with the load plumb
         [m], by the swing of the site on a cable of a length [m].
         """
-        # A point at the distance r from the pivot moves by the chord 2 r sin(angle/2), and none is
-        # farther from it than the end of the cable and what hangs below.
-        return 2.0 * (length + self.bodies.below) * math.sin(self.site.swing / 2.0)
+        # No point is farther from the pivot than the end of the cable and what hangs below.
+        return (length + self.bodies.below) * self.swing_chord
+
+    @cached_property
+    def swing_chord(self) -> float:
+        """How far a point moves at most where the rope leans by the swing of the site, over its
+        distance from the pivot.
+
+        A point at the distance r moves by the chord 2 r sin(α/2), where α is the angle by which the
+        load turns. Two swings φ and θ about axes at right angles lean the rope by s with cos s =
+        cos φ cos θ, and turn the load by α with 1 + 2 cos α = cos φ + cos θ + cos φ cos θ, the
+        trace of their rotation matrix. That is more than s, and most where φ = θ.
+        """
+        lean = math.cos(self.site.swing)
+        turn = math.acos((2.0 * math.sqrt(lean) + lean - 1.0) / 2.0)
+        return 2.0 * math.sin(turn / 2.0)
 
     def swing_margin(self, drive_position: np.ndarray) -> float:
         """Return the margin at a place [m], with the envelope of the swing of what hangs."""

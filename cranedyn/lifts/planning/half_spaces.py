@@ -9,7 +9,6 @@ may allow a better one. A plan between planes is free at its points; between the
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -115,7 +114,7 @@ class HalfSpaces:
 
         # `Clearance.envelope` of symbols.
         below = self.clearance.bodies.below
-        envelope = 2.0 * (length + below) * math.sin(self.clearance.site.swing / 2.0)
+        envelope = (length + below) * self.clearance.swing_chord
         return (distance - envelope - PROOF_MARGIN - self.margin).T
 
 

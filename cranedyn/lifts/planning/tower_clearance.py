@@ -308,7 +308,7 @@ class TowerClearance(Clearance):
         slewed, outward, hoisted = reach.tolist()
         largest_radius = float(drive_position[1]) + outward + self.bodies.spread
         across = largest_radius * slewed + outward
-        envelope_growth = 2.0 * math.sin(self.site.swing / 2.0) * hoisted
+        envelope_growth = self.swing_chord * hoisted
         return math.hypot(across, hoisted) + envelope_growth
 
     def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:

@@ -43,8 +43,28 @@ def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> Non
     assert found["wall"].distance == pytest.approx(5.5 - turned, abs=1e-6)
     assert found[GROUND].distance == pytest.approx(2.5, abs=1e-6)
     assert asked.nearest(q).obstacle == GROUND
-    swung = 2.0 * (HEIGHT - 3.5 + np.sqrt(3.0)) * np.sin(asked.site.swing / 2.0)
+    swung = (HEIGHT - 3.5 + np.sqrt(3.0)) * asked.swing_chord
     assert asked.swing_margin(place) == pytest.approx(2.5 - 0.5 - swung - ROUNDING, abs=1e-6)
+
+
+@pytest.mark.parametrize("swing", [0.035, 0.1, 0.5])
+def test_no_point_of_a_load_leaves_the_envelope_of_its_swing(swing: float) -> None:
+    asked = clearance_of(crane(), site(load=corners(6.0, 6.0, 6.0), swing=swing))
+    place = np.array([0.3, 12.0, 20.0])
+    plumb = load_corners(asked, asked.q(place))
+    envelope = asked.envelope(20.0)
+    largest = 0.0
+    for share in np.linspace(0.0, np.pi / 2.0, 19):
+        # The rope leans by the swing: cos φ cos θ = cos s.
+        first = swing * np.cos(share)
+        second = np.arccos(min(np.cos(swing) / np.cos(first), 1.0))
+        for sign in (1.0, -1.0):
+            q = asked.q(place)
+            q[[2, 3]] = first, sign * second
+            moved = np.linalg.norm(load_corners(asked, q) - plumb, axis=1).max()
+            largest = max(largest, float(moved))
+    assert largest <= envelope
+    assert largest > 0.95 * envelope
 
 
 def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> None:
