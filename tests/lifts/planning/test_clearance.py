@@ -49,7 +49,7 @@ def test_a_cube_beside_a_wall_and_above_the_ground_is_as_far_as_by_hand() -> Non
 
 @pytest.mark.parametrize("swing", [0.035, 0.1, 0.5])
 def test_no_point_of_a_load_leaves_the_envelope_of_its_swing(swing: float) -> None:
-    asked = clearance_of(crane(), site(load=corners(6.0, 6.0, 6.0), swing=swing))
+    asked = clearance_of(crane(), site(load=corners(0.2, 0.2, 6.0), swing=swing))
     place = np.array([0.3, 12.0, 20.0])
     plumb = load_corners(asked, asked.q(place))
     envelope = asked.envelope(20.0)
@@ -64,7 +64,7 @@ def test_no_point_of_a_load_leaves_the_envelope_of_its_swing(swing: float) -> No
             moved = np.linalg.norm(load_corners(asked, q) - plumb, axis=1).max()
             largest = max(largest, float(moved))
     assert largest <= envelope
-    assert largest > 0.95 * envelope
+    assert largest > 0.999 * envelope
 
 
 def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> None:
