@@ -131,7 +131,8 @@ def phi_6(phi_2: float) -> float:
 
 def psi_h(mass_ratio: float) -> float:
     """Return ψ_h: horizontal pull of a load that hangs from a carriage braked by a constant force,
-    over its mass times the mean deceleration: √(2 + μ + 1/μ) for μ > 1, else 2.
+    over its mass times the mean deceleration of load and carriage together, which is the force over
+    both masses: √(2 + μ + 1/μ) for μ > 1, else 2.
 
     FEM 1.001, A.2.2.3 (second hand). It is the worst case over all durations of braking to
     standstill, exactly: at cos ωT = -1/μ.
