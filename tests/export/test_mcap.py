@@ -44,6 +44,7 @@ from cranedyn.interop import bags  # noqa: E402
 from cranedyn.model.load import load_crane  # noqa: E402
 from cranedyn.simulation.simulate import simulate  # noqa: E402
 from experiments import a1, a3, harness  # noqa: E402
+from tests.gantry import GANTRY  # noqa: E402
 from tests.helpers import FAST  # noqa: E402
 from tests.model.test_foreign import RIGID  # noqa: E402
 
@@ -212,26 +213,6 @@ def test_a_run_of_another_crane_is_refused_with_the_coordinates_of_both(
     with pytest.raises(OutOfRange, match="run is of joints gamma, x, phi, theta, l; allowed is a"):
         mcap.export(tmp_path / "run.mcap", load_crane(hook_mass=9.0), run)
     assert main([*words, "--urdf", str(rigid), "--swing"]) == 0
-
-
-GANTRY = """<robot name="gantry">
-  <link name="rails"/>
-  <link name="portal"><inertial><mass value="30000"/>
-    <inertia ixx="1e6" iyy="1e6" izz="1e6" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="trolley"><inertial><mass value="3000"/>
-    <inertia ixx="1e3" iyy="1e3" izz="1e3" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <link name="hook"><inertial><mass value="300"/>
-    <inertia ixx="20" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
-  <joint name="portal_joint" type="prismatic"><parent link="rails"/><child link="portal"/>
-    <axis xyz="0 1 0"/><limit lower="0" upper="60" effort="4e4" velocity="1"/></joint>
-  <joint name="cross_joint" type="prismatic"><parent link="portal"/><child link="trolley"/>
-    <origin xyz="0 0 9"/><axis xyz="1 0 0"/>
-    <limit lower="-8" upper="8" effort="8e3" velocity="1"/></joint>
-  <joint name="lift_joint" type="prismatic"><parent link="trolley"/><child link="hook"/>
-    <origin xyz="0 0 -8"/><axis xyz="0 0 1"/>
-    <limit lower="0" upper="6.5" effort="6e4" velocity="0.5"/></joint>
-</robot>"""
-"""A gantry crane: portal along +Y, trolley along +X, hook upwards from 8 m below the trolley."""
 
 
 @pytest.fixture(scope="module")
