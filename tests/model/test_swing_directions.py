@@ -11,6 +11,7 @@ import pytest
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
+from cranedyn.simulation.simulate import simulate
 from tests.gantry import GANTRY
 from tests.helpers import ROOT
 from tests.model.test_hanging import ECCENTRIC, LUFFING
@@ -66,6 +67,20 @@ def test_the_directions_are_those_of_the_load_by_differences(
         axis = "XYZ".index(words[3])
         assert axis == np.argmax(np.abs(moved))
         assert words[2] == ("+" if moved[axis] > 0.0 else "-")
+
+
+@pytest.mark.parametrize(("drive", "swing"), [("portal", "phi"), ("cross", "theta")])
+def test_a_swing_leads_the_drive_that_increases_where_it_is_said_to(
+    drive: str, swing: str, tmp_path: Path
+) -> None:
+    crane = gantry(tmp_path)
+    (sentence,) = [text for text in crane.swing_directions if text.startswith(swing)]
+    leads = sentence.endswith(f"where {drive} increases.")
+    assert leads is (drive == "portal")
+    acceleration = 0.1 * crane.layout.along(drive)
+    run = simulate(crane, lambda *_: acceleration, duration=1.0, drive="motion")
+    # The pivot accelerates and leaves the load behind.
+    assert bool(run.q[-1, crane.layout.index(swing)] < 0.0) is leads
 
 
 def test_a_crane_that_does_not_swing_has_no_directions(tmp_path: Path) -> None:
