@@ -179,7 +179,7 @@ class _TracedFilter(LoadFilter):
         tree = self._with_load(load_dual)
         a = constants(self._acceleration(state.q, state.v, tau), count)
         force = rigid_body.tree_inverse_dynamics(tree, rigid_body.frames(tree, q), v, a)
-        force = force - self._joint.effort(q, v)
+        force = force - self._joint.without_dry_friction().effort(q, v)
         mass = rigid_body.mass_matrix(self._tree, rigid_body.frames(self._tree, state.q))
         derivatives = -solve_linear(mass, slopes(force, count))
         by_state = derivatives[:, :-1]

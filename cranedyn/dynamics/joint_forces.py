@@ -23,7 +23,7 @@ symbols in the optimiser, values of a program in compiled code.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -73,6 +73,14 @@ class JointForces:
     def viscous_only(self) -> bool:
         """Whether nothing but viscous damping acts."""
         return self.springs is None and self.friction is None
+
+    def without_dry_friction(self) -> JointForces:
+        """Return the same without dry friction, for derivatives.
+
+        The slope of the smooth law at rest is that of its smoothing, which a controller or an
+        observer must not take for damping; in motion the slope is nearly zero.
+        """
+        return replace(self, friction=None)
 
     def in_steps(self, dt: Any, mass: Any = 1.0) -> JointForces:
         """Return the same with time in units of `dt` [s] and mass in units of `mass` [kg].
@@ -135,8 +143,7 @@ class JointForces:
         """Return the stiffness -∂τ/∂q, shape (n, n), and the damping -∂τ/∂v, shape (n,), at a state
         in floats.
 
-        Dry friction is left out: its slope at rest is that of the smoothing, which a controller
-        must not take for damping, and in motion it has none.
+        Dry friction is left out, see `without_dry_friction`.
         """
         n = len(q)
         stiffness = np.zeros((n, n)) if self.springs is None else self.springs.tangent(q)

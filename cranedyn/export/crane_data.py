@@ -259,11 +259,12 @@ def remove_control(robot: ET.Element) -> list[str]:
         A sentence on each element that was removed, for the reader of the export.
     """
     notes = []
-    for tag in ("ros2_control", "transmission"):
-        for element in robot.findall(tag):
-            robot.remove(element)
-            if tag == "transmission":
-                notes.append(f"The transmission {quoted(element.get('name', ''))} is replaced.")
+    for element in robot.findall("ros2_control"):
+        robot.remove(element)
+        notes += _control_notes(element)
+    for element in robot.findall("transmission"):
+        robot.remove(element)
+        notes.append(f"The transmission {quoted(element.get('name', ''))} is replaced.")
     for block in robot.findall("gazebo"):
         for child in list(block):
             name = child.get("name") or child.get("filename") or (child.text or "").strip()
@@ -278,6 +279,34 @@ def remove_control(robot: ET.Element) -> list[str]:
         if len(block) == 0:
             robot.remove(block)
     return notes
+
+
+def _control_notes(control: ET.Element) -> list[str]:
+    """Return sentences on the hardware of a ``<ros2_control>`` that is replaced, and on its command
+    interfaces other than effort.
+    """
+    notes = []
+    for plugin in control.iterfind("hardware/plugin"):
+        hardware = quoted((plugin.text or "").strip())
+        notes.append(f"The hardware {hardware} of <ros2_control> is replaced.")
+    for joint in control.iterfind("joint"):
+        interfaces = [element.get("name", "") for element in joint.iterfind("command_interface")]
+        others = [quoted(name) for name in interfaces if name != "effort"]
+        if others:
+            name = quoted(joint.get("name", ""))
+            notes.append(
+                f"{name} takes efforts here; its command interface {', '.join(others)} is replaced."
+            )
+    return notes
+
+
+def mesh_notes(crane: Crane, robot: ET.Element) -> list[str]:
+    """Return a sentence on the meshes of a crane that the URDF of an export does not have."""
+    before = len(parse_urdf(crane.urdf, "the crane").findall(".//mesh"))
+    left_out = before - len(robot.findall(".//mesh"))
+    if not left_out:
+        return []
+    return [f"Visuals and collisions with a mesh are left out: {left_out} in all."]
 
 
 @dataclass(frozen=True)
@@ -415,17 +444,17 @@ def readme(name: str, crane: Crane, notes: Sequence[str]) -> str:
     """
     listed = "".join(f"* {note}\n" for note in notes)
     if not notes:
-        listed = "* Nothing was left out but meshes.\n"
+        listed = "* Nothing was replaced or left out.\n"
     text = (
         f"# {name}\n\nA crane, written by cranedyn. What differs from the file of the crane, and "
         f"where it holds:\n\n{listed}"
     )
-    if crane.assumptions:
-        assumed = "".join(f"* {sentence}\n" for sentence in crane.assumptions)
+    sentences = "".join(f"* {each}\n" for each in (*crane.swing_directions, *crane.assumptions))
+    if sentences:
         text += (
             "\n## Joints\n\nThe joints have the zeros, signs and ranges of the crane as it was "
             "loaded. A joint that is named in these sentences is that of the file that was read:"
-            f"\n\n{assumed}"
+            f"\n\n{sentences}"
         )
     return text
 

@@ -28,6 +28,7 @@ from cranedyn.export.crane_data import (
     finite_form,
     give_light_bodies,
     joints,
+    mesh_notes,
     readme,
     remove_control,
     urdf_element,
@@ -223,7 +224,7 @@ def export(
         raise OutOfRange("erp", erp, "0 to 1")
     every = whole("control instants between rows", every, 1)
     robot = urdf_element(program.crane)
-    notes = remove_control(robot)
+    notes = mesh_notes(program.crane, robot) + remove_control(robot)
     model = anchor_to_world(program.crane, robot, "Gazebo")
     notes += write_length_spring(program.crane, robot)
     notes += give_bodies_to_points(program.crane, robot)

@@ -21,7 +21,7 @@ from cranedyn.errors import DataError, OutOfRange
 from cranedyn.export.crane_data import ends, joints, urdf_element
 from cranedyn.export.target import new_file
 from cranedyn.model.crane import Crane
-from cranedyn.model.options import crane_of_run
+from cranedyn.model.options import crane_of_run, crane_words
 
 TARGET = "FILE"
 """What the command line calls the target of the export."""
@@ -227,7 +227,9 @@ def run(options: argparse.Namespace) -> Path:
 
 def next_commands(options: argparse.Namespace) -> list[str]:
     """Return command lines that work with what `run` has written."""
+    crane = crane_words(options)
+    identify = command_line("cranedyn", "run", "identify", options.target, *crane)
     return [
         command_line("ros2", "bag", "info", options.target),
-        command_line("cranedyn", "run", "identify", options.target),
+        identify if crane else f"{identify}  # add the options that name another crane of the run",
     ]

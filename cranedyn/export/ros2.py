@@ -22,6 +22,7 @@ from cranedyn.export.crane_data import (
     check_inertias,
     give_light_bodies,
     joints,
+    mesh_notes,
     package_of,
     readme,
     remove_control,
@@ -121,7 +122,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             f"Meshes of the crane are in the ROS package {name}, which a new package of this name "
             "would hide; choose another name (--name)."
         )
-    notes = remove_control(robot)
+    notes = mesh_notes(crane, robot) + remove_control(robot)
     anchor_to_world(crane, robot, "ROS")
     notes += write_length_spring(crane, robot)
     notes += give_bodies_to_points(crane, robot)

@@ -463,7 +463,8 @@ def load_record(
         crane: Crane with prior values.
         sources: Names and units of the columns of a table, by the names of cranedyn, see
             `cranedyn.data.external.parse_sources`.
-        joints: Names of the joints in a recording of ROS by the symbols of coordinates.
+        joints: Names of the joints in a recording of ROS by the symbols of coordinates, where they
+            are not those of the crane.
         since: Start of the record [s], on its own clock.
         until: End of the record [s].
 
@@ -474,10 +475,10 @@ def load_record(
     """
     path = Path(path)
     if bags.is_recording(path):
-        present = {"t_s", *bags.joint_state_columns(path, joints)}
+        present = {"t_s", *bags.joint_state_columns(path, joints, layout=crane.layout)}
         names = relevant_columns(crane, present)
         data: Mapping[str, np.ndarray] = bags.read_joint_states(
-            path, names, joints, since=since, until=until
+            path, names, joints, layout=crane.layout, since=since, until=until
         )
         return Record.of(crane, data, name=path.name, since=since, until=until)
     sources = sources or {}

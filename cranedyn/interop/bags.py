@@ -7,6 +7,7 @@ from __future__ import annotations
 import bz2
 import math
 import os
+import re
 import struct
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +24,7 @@ from cranedyn.data.files import open_file
 from cranedyn.data.tables import LARGEST
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.export.mcap import check_installed
-from cranedyn.model.layout import ROLES
+from cranedyn.model.layout import ROLES, Joint, Layout
 
 ENDINGS = (".mcap", ".bag", ".db3")
 """Endings of files that can be read: MCAP and SQLite of ROS 2, bags of ROS 1."""
@@ -40,8 +41,19 @@ TYPE = "sensor_msgs/msg/JointState"
 TOPIC = "/joint_states"
 """Topic from which they are taken where there are several."""
 
-NAMES = {role.symbol: role.joint for role in ROLES.values()}
-"""Default names of the joints by the symbols of their coordinates."""
+_TOWER_JOINTS = tuple(
+    Joint(
+        name=role.joint,
+        symbol=role.symbol,
+        unit="m" if role.kind == "prismatic" else "rad",
+        kind=role.kind,
+        axis=role.axis,
+        driven=not name.endswith("swing"),
+        role=name,
+    )
+    for name, role in ROLES.items()
+)
+"""Joints of the tower crane of this project, for recordings that are read without a crane."""
 
 
 class _Source(NamedTuple):
@@ -56,22 +68,67 @@ class _Source(NamedTuple):
     symbol: str
 
 
-def _sources() -> dict[str, _Source]:
-    """Return the sources of all columns that a message can have, by the name of the column."""
-    sources = {}
-    for role in ROLES.values():
-        symbol = role.symbol
-        is_length = role.kind == "prismatic"
-        unit = "m" if is_length else "rad"
-        effort = f"F_{symbol}_N" if is_length else f"T_{symbol}_Nm"
-        sources[f"{symbol}_{unit}"] = _Source("position", symbol)
-        sources[f"{symbol}_dot_{unit}_s"] = _Source("velocity", symbol)
-        sources[effort] = _Source("effort", symbol)
-    return sources
+_NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+"""Decimal number in a formula."""
+
+_FORMULA = re.compile(
+    rf"(?:(?P<zero>{_NUMBER})\s*(?:rad|m)?\s*(?P<sign>[-+])|(?P<minus>-))\s*(?P<joint>[^\s\d].*)"
+)
+"""A formula of a coordinate such as ``8 m - lift_joint``, ``1.5708+slew`` or ``-pendulum``."""
 
 
-_SOURCES = _sources()
-"""Field of joint states and coordinate, by the name of the column."""
+class _RecordedJoint(NamedTuple):
+    """Joint in a recording, from which a coordinate follows as `zero` + `sign` · position.
+
+    Attributes:
+        name: Name in the messages.
+        zero: Coordinate where the recorded position is zero [rad or m].
+        sign: Coordinate per position, +1 or -1; rates and efforts have the same sign.
+    """
+
+    name: str
+    zero: float = 0.0
+    sign: float = 1.0
+
+    @classmethod
+    def of(cls, text: str) -> _RecordedJoint:
+        """Return the joint of a name, or of a formula as `describe` prints it."""
+        match = _FORMULA.fullmatch(text.strip())
+        if match is None:
+            return cls(text)
+        sign = match["minus"] or match["sign"]
+        return cls(match["joint"], float(match["zero"] or 0.0), -1.0 if sign == "-" else 1.0)
+
+
+class _Sources:
+    """Where the numbers of columns are in the messages of one crane.
+
+    Attributes:
+        recorded: Joints in the messages by the symbols of their coordinates.
+        by_column: Field and symbol by the name of the column, of all columns that messages can
+            have.
+    """
+
+    def __init__(self, layout: Layout | None, names: Mapping[str, str] | None) -> None:
+        """Use the names of the joints of a crane, those of the tower crane without one, except
+        where `names` has others.
+
+        Raises:
+            UnknownName: If `names` has an unknown coordinate.
+        """
+        joints = _TOWER_JOINTS if layout is None else layout.joints
+        self.recorded = {joint.symbol: _RecordedJoint(joint.name) for joint in joints}
+        for symbol, text in (names or {}).items():
+            if symbol not in self.recorded:
+                raise UnknownName("coordinate", symbol, self.recorded)
+            self.recorded[symbol] = _RecordedJoint.of(text)
+        self.by_column: dict[str, _Source] = {}
+        for joint in joints:
+            coordinate, rate = joint.columns
+            self.by_column[coordinate] = _Source("position", joint.symbol)
+            self.by_column[rate] = _Source("velocity", joint.symbol)
+            self.by_column[joint.effort_column] = _Source("effort", joint.symbol)
+
 
 _MAX_CHUNK_SIZE = 100_000_000
 """Largest size of a compressed chunk of a file, decompressed [bytes]."""
@@ -94,6 +151,7 @@ def read_joint_states(
     columns: Sequence[str],
     names: Mapping[str, str] | None = None,
     *,
+    layout: Layout | None = None,
     since: float = -math.inf,
     until: float = math.inf,
 ) -> dict[str, np.ndarray]:
@@ -107,7 +165,10 @@ def read_joint_states(
     Args:
         path: File or folder to read.
         columns: Coordinates, rates and efforts by their names in a trajectory, and ``t_s``.
-        names: Names of joints by the symbols of coordinates, where they differ from `NAMES`.
+        names: Names of joints in the recording by the symbols of coordinates, where they are not
+            those of the crane. A formula such as ``8 m - lift_joint`` gives the coordinate of a
+            joint that was recorded with another zero or sign.
+        layout: Joints of the recorded crane; by default those of the tower crane of this project.
         since: Time of the first row [s] from the first message on. Numbers of earlier messages need
             not be finite, but they must have the joints, too.
         until: Time of the last row [s].
@@ -120,28 +181,36 @@ def read_joint_states(
             states, or others than needed.
         UnknownName: If `names` has an unknown coordinate.
     """
-    with _parsing(Path(path), names) as named:
-        return _columns(Path(path), columns, named, since, until)
+    sources = _Sources(layout, names)
+    with _parsing(Path(path)):
+        return _columns(Path(path), columns, sources, since, until)
 
 
-def joint_state_columns(path: str | Path, names: Mapping[str, str] | None = None) -> list[str]:
+def joint_state_columns(
+    path: str | Path, names: Mapping[str, str] | None = None, *, layout: Layout | None = None
+) -> list[str]:
     """Return the names of the columns that a recording has, by its first message of joint states.
 
     Args:
         path: File to read.
         names: As for `read_joint_states`.
+        layout: As for `read_joint_states`.
 
     Raises:
-        DataError: As `read_joint_states`.
+        DataError: As `read_joint_states`; or if a joint of `names` is not in the recording.
         UnknownName: If `names` has an unknown coordinate.
     """
-    with _parsing(Path(path), names) as named:
+    sources = _Sources(layout, names)
+    with _parsing(Path(path)):
         _, first = next(_states(Path(path)))
     indices = {name: i for i, name in enumerate(first.name)}
+    for symbol in names or {}:
+        if sources.recorded[symbol].name not in indices:
+            raise _missing_joint(Path(path), first, symbol, sources.recorded[symbol].name)
     columns = []
-    for column, source in _SOURCES.items():
+    for column, source in sources.by_column.items():
         # A field may be empty, or shorter than the names.
-        index = indices.get(named[source.symbol], math.inf)
+        index = indices.get(sources.recorded[source.symbol].name, math.inf)
         if index < len(getattr(first, source.field)):
             columns.append(column)
     return columns
@@ -187,17 +256,13 @@ def recorded_files(path: Path) -> list[Path]:
 
 
 @contextmanager
-def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, str]]:
-    """Yield the names of the joints by symbol; convert any error of a parser to a `DataError`.
+def _parsing(path: Path) -> Iterator[None]:
+    """Convert any error of a parser of a recording to a `DataError`.
 
     Raises:
         DataError: If the extra is not installed, the file is too large, or a parser fails.
-        UnknownName: If `names` has an unknown coordinate.
     """
     check_installed()
-    for symbol in names or {}:
-        if symbol not in NAMES:
-            raise UnknownName("coordinate", symbol, NAMES)
     size = 0
     for part in recorded_files(path):
         with open_file(part) as file:
@@ -205,7 +270,7 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, 
     if size > LARGEST:
         raise DataError(f"Cannot read {path}: it is larger than {LARGEST / 1e6:g} MB.")
     try:
-        yield {**NAMES, **(names or {})}
+        yield
     except CraneError:
         raise
     except Exception as error:  # whatever a parser raises over the bytes of a stranger
@@ -215,14 +280,14 @@ def _parsing(path: Path, names: Mapping[str, str] | None) -> Iterator[dict[str, 
 
 
 def _columns(
-    path: Path, columns: Sequence[str], names: Mapping[str, str], since: float, until: float
+    path: Path, columns: Sequence[str], sources: _Sources, since: float, until: float
 ) -> dict[str, np.ndarray]:
     """Return columns in the order of their times, which count from the first message [s].
 
     Args:
         path: File or folder to read.
         columns: Names of the columns.
-        names: Names of the joints by the symbols of coordinates.
+        sources: Where their numbers are in a message.
         since: Time of the first row [s].
         until: Time of the last row [s].
 
@@ -238,7 +303,7 @@ def _columns(
         logged.append(time)
         stamps.append(message.header.stamp.sec * 10**9 + message.header.stamp.nanosec)
         for column in requested:
-            values.append(_value(path, message, len(logged), column, names))
+            values.append(_value(path, message, len(logged), column, sources))
     times = np.array(stamps if any(stamps) else logged)
     order = np.argsort(times, kind="stable")
     times = times[order]
@@ -251,10 +316,10 @@ def _columns(
     for column, numbers in zip(requested, rows.T, strict=True):
         if not np.isfinite(numbers).all():
             message = order[within][np.argmin(np.isfinite(numbers))] + 1
-            source = _SOURCES[column]
+            source = sources.by_column[column]
+            joint = sources.recorded[source.symbol].name
             raise DataError(
-                f"{path}: {source.field} of {names[source.symbol]} is not finite in its message "
-                f"{message}."
+                f"{path}: {source.field} of {joint} is not finite in its message {message}."
             )
     if len(times) < 2 or not (np.diff(times) > 0).all():
         raise DataError(
@@ -285,30 +350,38 @@ def _states(path: Path) -> Iterator[tuple[int, Any]]:
             yield time, decode(raw, TYPE)  # by the standard definition of JointState
 
 
-def _value(path: Path, message: Any, k: int, column: str, names: Mapping[str, str]) -> float:
+def _value(path: Path, message: Any, k: int, column: str, sources: _Sources) -> float:
     """Return the number of a column in message k, counted from 1.
 
     Raises:
         DataError: If the message has none.
     """
-    if column not in _SOURCES:
+    if column not in sources.by_column:
         raise DataError(
             f"{path} cannot have a column {column}: joint states have positions, velocities and "
             "efforts."
         )
-    field, symbol = _SOURCES[column]
-    joint = names[symbol]
+    field, symbol = sources.by_column[column]
+    joint = sources.recorded[symbol]
     numbers = getattr(message, field)
-    if joint not in message.name:
-        present = ", ".join(map(quoted, message.name[:20])) or "none"
-        raise DataError(
-            f"{path} has no joint {joint}, but {present}; say which is {symbol} by --joints "
-            f"{symbol}=NAME."
-        )
-    i = message.name.index(joint)
+    if joint.name not in message.name:
+        raise _missing_joint(path, message, symbol, joint.name)
+    i = message.name.index(joint.name)
     if i >= len(numbers):
-        raise DataError(f"{path} has no {field} of {joint} in its message {k}; {column} needs one.")
-    return float(numbers[i])
+        raise DataError(
+            f"{path} has no {field} of {joint.name} in its message {k}; {column} needs one."
+        )
+    number = joint.sign * float(numbers[i])
+    return joint.zero + number if field == "position" else number
+
+
+def _missing_joint(path: Path, message: Any, symbol: str, joint: str) -> DataError:
+    """Return the error of a recording without the joint of a coordinate, by one of its messages."""
+    present = ", ".join(map(quoted, message.name[:20])) or "none"
+    return DataError(
+        f"{path} has no joint {joint}, but {present}; say which is {symbol} by --joints "
+        f"{symbol}=NAME."
+    )
 
 
 def _messages(files: Sequence[Path]) -> Iterator[Raw]:

@@ -176,9 +176,10 @@ def turn_tower(
     }
     notes = []
     for role, coordinate in coordinates.items():
-        _turn_joint(robot, names[role], coordinate)
+        start_notes = _turn_joint(robot, names[role], coordinate)
         if coordinate.sign < 0.0 or abs(coordinate.zero) > _SMALL_OFFSET:
             notes.append(f"{_formula(role, names[role], coordinate)}, the {_MEANINGS[role]}.")
+        notes += start_notes
     if abs(aside) > _SMALL_OFFSET:
         notes.append(f"The hook passes the slew axis at {abs(aside):.3g} m.")
     return names, notes
@@ -276,14 +277,15 @@ def hang_load(
         notes.append(f"The shortest rope is {shortest:.3g} m.")
     # The rope grows as the hoist goes down: l = length - upward q.
     rope_length = _NewCoordinate(-upward, upward * length)
-    _turn_joint(robot, name, rope_length, least=shortest)
+    start_notes = _turn_joint(robot, name, rope_length, least=shortest)
     notes.append(f"{_formula('hoist', name, rope_length)}, the length of the rope.")
+    notes += start_notes
 
     # The load, and the two links between the swing joints, which are small beside it.
     load = model.inertias[index + 1].mass
     if swing.mass is not None:
         load = swing.mass
-        _set_mass(_links_fixed_to(robot, child.get("link", "")), load)
+        notes += _set_mass(_links_fixed_to(robot, child.get("link", "")), load)
     mass = _LINK_MASS_RATIO * load if swing.link_mass is None else swing.link_mass
     inertia = _LINK_INERTIA_RATIO * load if swing.link_inertia is None else swing.link_inertia
     notes.append(f"Two links of {mass:g} kg and {inertia:g} kg m² are at the pivot.")
@@ -349,9 +351,9 @@ def _joint_element(robot: ET.Element, name: str) -> ET.Element:
 
 def _turn_joint(
     robot: ET.Element, name: str, coordinate: _NewCoordinate, least: float = -math.inf
-) -> None:
+) -> list[str]:
     """Give a joint of a URDF a new coordinate, in place: placement, axis, limits, start, spring,
-    and how other joints follow it.
+    and how other joints follow it. Return the notes of `_turn_start`.
 
     Args:
         robot: The URDF.
@@ -379,9 +381,10 @@ def _turn_joint(
     high = max(lower, upper)
     limit.set("lower", repr(low))
     limit.set("upper", repr(high))
-    _turn_start(robot, name, coordinate, low, high)
+    notes = _turn_start(robot, name, coordinate, low, high)
     _turn_spring(robot, name, coordinate)
     _turn_followers(robot, name, coordinate)
+    return notes
 
 
 def _turn_spring(robot: ET.Element, name: str, coordinate: _NewCoordinate) -> None:
@@ -415,7 +418,7 @@ def _turn_followers(robot: ET.Element, name: str, coordinate: _NewCoordinate) ->
 
 def _turn_start(
     robot: ET.Element, name: str, coordinate: _NewCoordinate, low: float, high: float
-) -> None:
+) -> list[str]:
     """Start a joint of a URDF where it started in its old coordinate, in place.
 
     A start in the file that is nearer to an end of the range than `_START_MARGIN` of the range is
@@ -429,6 +432,9 @@ def _turn_start(
         low: Lower end of the range of that [rad or m].
         high: Upper end [rad or m].
 
+    Returns:
+        A note if a start in the file was moved.
+
     Raises:
         OutOfRange: If the start in the file is no number.
     """
@@ -437,17 +443,24 @@ def _turn_start(
     if initial is not None:
         old_start = number(f"{name} at the start", (initial.text or "").strip())
         start = coordinate.sign * (old_start - coordinate.zero)
-        initial.text = repr(min(max(start, low + margin), high - margin))
-        return
+        allowed_start = min(max(start, low + margin), high - margin)
+        initial.text = repr(allowed_start)
+        if allowed_start == start:
+            return []
+        return [
+            f"{name} starts at {allowed_start:.3g}, since its start in the file, which is "
+            f"{start:.3g} here, is less than {margin:.2g} from an end of its range or beyond it."
+        ]
     old_zero = -coordinate.sign * coordinate.zero
     if not low + margin <= old_zero <= high - margin:
-        return
+        return []
     controls = robot.iterfind("ros2_control/joint")
     control = next(entry for entry in controls if entry.get("name") == name)  # see declare_drives
     state = control.find("state_interface[@name='position']")
     if state is None:
         state = ET.SubElement(control, "state_interface", name="position")
     ET.SubElement(state, "param", name="initial_value").text = repr(old_zero)
+    return []
 
 
 def _insert_swing(
@@ -491,9 +504,11 @@ def _links_fixed_to(robot: ET.Element, name: str) -> list[ET.Element]:
     return [links[name] for name in names]
 
 
-def _set_mass(links: Sequence[ET.Element], mass: float) -> None:
-    """Set the mass of some links together, in place; mass and inertia of each change in the same
-    ratio. Links without any mass become a point mass at the centre of the first one.
+def _set_mass(links: Sequence[ET.Element], mass: float) -> list[str]:
+    """Set the mass of some links together, in place, and return a note if it changed.
+
+    Mass and inertia of each change in the same ratio. Links without any mass become a point mass at
+    the centre of the first one.
     """
     if links[0].find("inertial") is None:
         links[0].append(_isotropic_body(0.0, 0.0))
@@ -513,6 +528,14 @@ def _set_mass(links: Sequence[ET.Element], mass: float) -> None:
         mass_element.set("value", repr(share * mass))
         for key, value in tensor.attrib.items():
             tensor.set(key, repr(float(value) * mass / total if total else 0.0))
+    if not total:
+        return [f"The load is a point of {mass:g} kg: the file gives it no mass."]
+    if mass == total:
+        return []
+    return [
+        f"The load has {mass:g} kg in place of the {total:g} kg of the file, and its rotational "
+        f"inertias are those of the file times {mass / total:.4g}."
+    ]
 
 
 def _isotropic_body(mass: float, inertia: float) -> ET.Element:

@@ -38,6 +38,9 @@ other programs keep a joint with the velocity limit 0 from moving."""
 _MAX_START_SWING = float(np.nextafter(np.pi / 2, 0.0))
 """Largest swing at the start [rad], the last number below 90°."""
 
+_LEAST_LEVER = 1e-6
+"""Least motion of the load per unit of a coordinate that is not round-off [m/rad or m/m]."""
+
 _COLUMN_WIDTHS = (7, 24, 4, 9, 9, 9, 12)
 """Least width of each column of `Crane.__repr__` [characters]."""
 
@@ -247,6 +250,71 @@ class Crane:
         drives = q[..., self.layout.drives]
         return q[..., self.swings] - self.rest.angle - drives @ self.rest.slope.T
 
+    @cached_property
+    def swing_directions(self) -> tuple[str, ...]:
+        """A sentence for each swing joint on the way in which its positive angle moves the load, by
+        the Jacobian of the load at the start; none for a mechanism that does not hang.
+
+        Such as "phi > 0 moves the load towards +Y, where portal increases." Of drives, the sentence
+        names those that move the load along the same line. A joint about the vertical turns the
+        load.
+        """
+        if not self.rest.hangs:
+            return ()
+        linear, angular = self._payload_jacobian(self.start.q)
+        sentences = []
+        for i in self.swings.tolist():
+            symbol = self.layout.joints[i].symbol
+            # The load of a swing moves horizontally from where it hangs; what is left is round-off
+            # or a lever along the axis.
+            step = float(np.linalg.norm(linear[:, i]))
+            if abs(angular[2, i]) >= ALIGNED:
+                way = "counter-clockwise" if angular[2, i] > 0.0 else "clockwise"
+                sentences.append(f"{symbol} > 0 turns the load {way}, seen from above.")
+            elif step > _LEAST_LEVER:
+                direction = linear[:, i] / step
+                towards = _direction_text(direction) + self._slewed_text(i)
+                drives = self._drives_along(direction, linear)
+                sentences.append(f"{symbol} > 0 moves the load towards {towards}{drives}.")
+        return tuple(sentences)
+
+    def _payload_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return the derivatives of the position of the payload in the world, and the angular
+        velocities of its body per rate, by the coordinates, shape (3, n) each.
+        """
+        payload = self.points[0]
+        data = self.data
+        pin.computeJointJacobians(self.model, data, q)
+        frame = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        jacobian = pin.getJointJacobian(self.model, data, payload.body + 1, frame)
+        lever = data.oMi[payload.body + 1].rotation @ payload.lever
+        angular = jacobian[3:]
+        return jacobian[:3] - pin.skew(lever) @ angular, angular
+
+    def _slewed_text(self, joint: int) -> str:
+        """Return words for a direction that turns with a drive above a joint; else none."""
+        above = self.model.supports[joint + 1].tolist()
+        for i in self.layout.drives.tolist():
+            if self.layout.joints[i].kind == "revolute" and i + 1 in above:
+                return " at the start"
+        return ""
+
+    def _drives_along(self, direction: np.ndarray, linear: np.ndarray) -> str:
+        """Return words for the drives that move the load along a unit vector, or against it.
+
+        Args:
+            direction: The unit vector, shape (3,).
+            linear: Derivatives of the position of the load by the coordinates, shape (3, n).
+        """
+        text = ""
+        for i in self.layout.drives.tolist():
+            step = float(np.linalg.norm(linear[:, i]))
+            along = float(direction @ linear[:, i])
+            if step > _LEAST_LEVER and abs(along) >= ALIGNED * step:
+                grows = "increases" if along > 0.0 else "decreases"
+                text += f", where {self.layout.joints[i].symbol} {grows}"
+        return text
+
     def state(self, **values: float) -> State:
         """Return a state from named coordinates and rates.
 
@@ -393,7 +461,9 @@ class Crane:
         return linearise_rest(stiffness, q, self.layout, self.swings)
 
     def __repr__(self) -> str:
-        """Return a title, a line for each joint, and the assumptions."""
+        """Return a title, a line for each joint, the directions of the swings, and the
+        assumptions.
+        """
         table = self._rows
         widths = list(_COLUMN_WIDTHS)
         for row in table:
@@ -405,7 +475,7 @@ class Crane:
                 is_word = column < 3  # symbol, joint and unit
                 cells.append(text.ljust(width) if is_word else text.rjust(width))
             lines.append(" ".join(cells).rstrip())
-        return "\n".join([self._title, *lines, *self.assumptions])
+        return "\n".join([self._title, *lines, *self.swing_directions, *self.assumptions])
 
     def _repr_html_(self) -> str:
         """Return title and joints as an HTML table, for notebooks."""
@@ -439,6 +509,15 @@ class Crane:
                 )
             )
         return rows
+
+
+def _direction_text(direction: np.ndarray) -> str:
+    """Return a unit vector of the world in words, such as "-X" or "(0.71, -0.71, 0)"."""
+    for name, component in zip("XYZ", direction.tolist(), strict=True):
+        if abs(component) >= ALIGNED:
+            return f"{'+' if component > 0.0 else '-'}{name}"
+    # Adding zero makes 0 of -0.
+    return "({:g}, {:g}, {:g})".format(*(np.round(direction, 2) + 0.0))
 
 
 _Result = TypeVar("_Result")

@@ -205,7 +205,8 @@ def friction_notes(friction: DryFriction | None, layout: Layout) -> list[str]:
     for i, effort, width in zip(friction.joints, friction.effort, friction.width, strict=True):
         joint = layout.joints[i]
         notes.append(
-            f"Dry friction of {joint.name}: {effort:g} {joint.effort_unit}, simulated as a smooth "
-            f"function of the rate that reaches 71 % at {width:.3g} {joint.unit}/s."
+            f"Dry friction of {joint.name}: {effort:g} {joint.effort_unit} in motion. Slower than "
+            f"about {width:.3g} {joint.unit}/s it falls with the rate to zero, so that the joint "
+            "creeps where a real one would stick."
         )
     return notes

@@ -70,7 +70,10 @@ def add_sources(parser: Parser, place: str) -> None:
     parser.common.add_argument(
         "--columns", nargs="+", action="extend", default=[], metavar="OURS=NAME[UNIT]", help=text
     )
-    text = "names of joints in recordings of ROS, where they are not those of this crane"
+    text = (
+        "names of joints in recordings of ROS, where they are not those of this crane; for another "
+        "zero or sign a formula as describe prints it, such as 'l=8 m - lift_joint'"
+    )
     parser.common.add_argument("--joints", nargs="+", default=[], metavar="l=NAME", help=text)
 
     def has_file(options: argparse.Namespace, *, ros: bool) -> bool:

@@ -37,12 +37,14 @@ from cranedyn.__main__ import main  # noqa: E402
 from cranedyn.controllers import hold_controller  # noqa: E402
 from cranedyn.data.trajectory import Trajectory  # noqa: E402
 from cranedyn.dynamics.equations_of_motion import payload_position  # noqa: E402
-from cranedyn.errors import CraneError, DataError, OutOfRange  # noqa: E402
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName  # noqa: E402
 from cranedyn.export import mcap  # noqa: E402
+from cranedyn.identification.checked_record import load_record  # noqa: E402
 from cranedyn.interop import bags  # noqa: E402
 from cranedyn.model.load import load_crane  # noqa: E402
 from cranedyn.simulation.simulate import simulate  # noqa: E402
 from experiments import a1, a3, harness  # noqa: E402
+from tests.gantry import GANTRY  # noqa: E402
 from tests.helpers import FAST  # noqa: E402
 from tests.model.test_foreign import RIGID  # noqa: E402
 
@@ -211,6 +213,81 @@ def test_a_run_of_another_crane_is_refused_with_the_coordinates_of_both(
     with pytest.raises(OutOfRange, match="run is of joints gamma, x, phi, theta, l; allowed is a"):
         mcap.export(tmp_path / "run.mcap", load_crane(hook_mass=9.0), run)
     assert main([*words, "--urdf", str(rigid), "--swing"]) == 0
+
+
+@pytest.fixture(scope="module")
+def gantry(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("gantry") / "gantry.urdf"
+    path.write_text(GANTRY)
+    return path
+
+
+def test_a_recording_of_another_crane_is_read_by_the_names_of_its_joints(
+    gantry: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    crane = load_crane(gantry, swing={"mass": 1500.0})
+    start = crane.state(theta=0.1)
+    run = simulate(crane, hold_controller(crane), start=start, duration=30.0, engine=FAST)
+    trajectory = str(run.write(tmp_path / "run.parquet"))
+    file = tmp_path / "run.mcap"
+    options = ["--urdf", str(gantry), "--swing", "mass:=1500"]
+    assert main(["export", "mcap", str(file), "--trajectory", trajectory, *options]) == 0
+    assert f"cranedyn run identify {file} {' '.join(options)}\n" in capsys.readouterr().out
+    columns = ["portal_m", "cross_m", "theta_rad", "l_m", "l_dot_m_s", "F_portal_N", "F_l_N"]
+    assert {*columns} <= {*bags.joint_state_columns(file, layout=crane.layout)}
+    found = bags.read_joint_states(file, columns, layout=crane.layout)
+    for column in columns:
+        assert found[column].tolist() == run[column].tolist()
+    record = load_record(file, crane)
+    assert {"portal_m", "cross_m", "l_m", "theta_rad"} <= record.columns.keys()
+
+
+@pytest.mark.parametrize(
+    ("formula", "zero", "sign"),
+    [
+        ("hook", 0.0, 1.0),
+        ("-hook", 0.0, -1.0),
+        ("8 m - hook", 8.0, -1.0),
+        ("8-hook", 8.0, -1.0),
+        ("-1.5e1 + hook", -15.0, 1.0),
+    ],
+)
+def test_a_formula_moves_the_zero_of_a_recorded_joint_and_turns_its_sign(
+    formula: str, zero: float, sign: float, gantry: Path, tmp_path: Path
+) -> None:
+    crane = load_crane(gantry, swing=True)
+    run = simulate(crane, hold_controller(crane), start=crane.state(l_dot=0.3), duration=0.5)
+    path = mcap.export(tmp_path / "run.mcap", crane, run)
+    columns = ["l_m", "l_dot_m_s", "F_l_N", "cross_m"]
+    recorded = bags.read_joint_states(path, columns, layout=crane.layout)
+    names = {"l": formula.replace("hook", "lift_joint")}
+    found = bags.read_joint_states(path, columns, names, layout=crane.layout)
+    assert found["l_m"].tolist() == (zero + sign * recorded["l_m"]).tolist()
+    assert found["l_dot_m_s"].tolist() == (sign * recorded["l_dot_m_s"]).tolist()
+    assert found["F_l_N"].tolist() == (sign * recorded["F_l_N"]).tolist()
+    assert found["cross_m"].tolist() == recorded["cross_m"].tolist()
+
+
+def test_the_formula_that_describe_prints_gives_the_coordinates_of_a_bag(
+    gantry: Path, tmp_path: Path
+) -> None:
+    """The bag has the joints as the URDF counts them: the hook 2 m above its lowest place."""
+    crane = load_crane(gantry, swing=True)
+    (note,) = [text for text in crane.assumptions if text.startswith("l = ")]
+    symbol, _, formula = note.partition(", ")[0].partition(" = ")
+    assert formula == "8 m - lift_joint"
+    path = bag(tmp_path / "a.bag", ["lift_joint", "cross_joint"], rows=3, phi=2.0)
+    found = bags.read_joint_states(path, ["l_m"], {symbol: formula}, layout=crane.layout)
+    assert found["l_m"].tolist() == [6.0, 6.0, 6.0]
+
+
+def test_a_joint_that_a_recording_does_not_have_is_a_sentence(gantry: Path, tmp_path: Path) -> None:
+    layout = load_crane(gantry, swing=True).layout
+    path = bag(tmp_path / "a.bag", ["cross_joint", "lift_joint"], rows=3)
+    with pytest.raises(DataError, match=r"has no joint cart, but cross_joint, .*--joints cross="):
+        bags.joint_state_columns(path, {"cross": "cart"}, layout=layout)
+    with pytest.raises(UnknownName, match="no coordinate 'x'; there are portal, cross, phi, theta"):
+        bags.joint_state_columns(path, {"x": "cross_joint"}, layout=layout)
 
 
 # --- recordings of ROS analysed -------------------------------------------------------------------

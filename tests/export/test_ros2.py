@@ -25,6 +25,7 @@ from cranedyn.export import gazebo, ros2
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
+from tests.gantry import GANTRY
 from tests.helpers import ROOT, files, quickly
 from tests.model.test_foreign import RIGID
 from tests.model.test_sdf import BRIDGE
@@ -483,6 +484,27 @@ def test_control_of_the_file_is_replaced_and_named(exporter: str, tmp_path: Path
     assert "The plugin gz_ros2_control::Theirs is left out." in readme
     assert "The transmission slew_gear is replaced." in readme
     assert "<turnGravityOff> true of hook_link is left out." in readme
+
+
+def test_a_package_names_the_hardware_and_the_interfaces_that_it_replaces(tmp_path: Path) -> None:
+    (tmp_path / "gantry.urdf").write_text(GANTRY)
+    crane = load_crane(tmp_path / "gantry.urdf", swing=True)
+    readme = (ros2.export(tmp_path / "gantry", crane) / "README.md").read_text()
+    assert "* The hardware mock_components/GenericSystem of <ros2_control> is replaced.\n" in readme
+    for name in ("portal_joint", "cross_joint", "lift_joint"):
+        sentence = f"{name} takes efforts here; its command interface velocity is replaced."
+        assert f"* {sentence}\n" in readme
+    for sentence in crane.swing_directions:
+        assert f"* {sentence}\n" in readme
+    assert "left out" not in readme  # it has no mesh
+    tower = (ros2.export(tmp_path / "tower", load_crane()) / "README.md").read_text()
+    assert "* Nothing was replaced or left out.\n" in tower
+
+
+def test_a_package_says_how_many_meshes_it_leaves_out(tmp_path: Path) -> None:
+    crane = load_crane(with_meshes(tmp_path, "mast.stl", "package://looks/jib.stl"))
+    readme = (ros2.export(tmp_path / "out", crane) / "README.md").read_text()
+    assert "Visuals and collisions with a mesh are left out: 1 in all." in readme
 
 
 @pytest.mark.parametrize("exporter", ["ros2", "gazebo"])

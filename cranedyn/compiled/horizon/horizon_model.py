@@ -60,7 +60,8 @@ def crane_derivatives(
         M_pp da_p = -(∂f_p + M_pd du),    d efforts = ∂f_d + M_dd du + M_dp da_p,
 
     where ∂f is the derivative of f by coordinates and rates at constant a. That takes the solution
-    of equations for the passive joints only.
+    of equations for the passive joints only. Dry friction is in the accelerations and efforts, but
+    not in their derivatives, see `cranedyn.dynamics.joint_forces.JointForces.without_dry_friction`.
 
     Args:
         plant: Model of the crane, commanded by accelerations.
@@ -81,7 +82,7 @@ def crane_derivatives(
     frames = rigid_body.frames(plant.tree, q_dual)
     a_dual = constants(a, 2 * n)
     inertial = rigid_body.tree_inverse_dynamics(plant.tree, frames, v_dual, a_dual)
-    forces = inertial - plant.joint.effort(q_dual, v_dual)
+    forces = inertial - plant.joint.without_dry_friction().effort(q_dual, v_dual)
     mass = rigid_body.mass_matrix(plant.tree, rigid_body.frames(plant.tree, q))
     force_derivatives = np.zeros((n, 2 * n + m), dtype=object)
     force_derivatives[:, : 2 * n] = slopes(forces, 2 * n)
