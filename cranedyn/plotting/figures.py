@@ -403,12 +403,12 @@ def _set_font_size(figure: Figure, size: float) -> None:
     for ax in figure.axes:
         # Also of the labels that Matplotlib makes later.
         ax.tick_params(labelsize=size)
-        ax.xaxis.label.set_size(size)
-        ax.yaxis.label.set_size(size)
+        ax.xaxis.label.set_fontsize(size)
+        ax.yaxis.label.set_fontsize(size)
         legend = ax.get_legend()
         if legend is not None:
             for text in legend.get_texts():
-                text.set_size(size)
+                text.set_fontsize(size)
 
 
 def _in_degrees(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:
