@@ -1,4 +1,4 @@
-"""Figures of the concept pages: python docs/draw.py, from the top of the repository."""
+"""Figures of tutorial and concept pages: python docs/draw.py, from the top of the repository."""
 
 from __future__ import annotations
 
@@ -8,7 +8,10 @@ import numpy as np
 from matplotlib.figure import Figure
 
 import cranedyn as cd
+from cranedyn.controllers import hold_controller
 from cranedyn.controllers.follow import follow
+from cranedyn.plotting.figures import plot_runs
+from cranedyn.references import hold, ramp, shaped, zv
 from cranedyn.references.simple import spline
 from cranedyn.theory import point_period, quintic_residual
 
@@ -61,5 +64,20 @@ def swing_left() -> Figure:
     return figure
 
 
+def shaped_move() -> Figure:
+    """Return the figure of the move of the first run, as it is and shaped."""
+    crane = cd.load_crane(payload_mass=2000)
+    start = crane.state(x=12.0, l=10.0)
+    period = float(point_period(10.0, crane.gravity))
+    goal = ramp(crane, hold(crane, start), "x", 2.0, rate=0.5, at=1.0)
+    runs = {}
+    for name, reference in {"as it is": goal, "shaped": shaped(goal, zv(), [period])}.items():
+        runs[name] = cd.simulate(
+            crane, hold_controller(crane), reference, start=start, duration=20.0
+        )
+    return plot_runs(runs, "x_m", "phi_rad")
+
+
 if __name__ == "__main__":
+    shaped_move().savefig(PICTURES / "shaped_move.png", dpi=110)
     swing_left().savefig(PICTURES / "swing_left.png", dpi=110)

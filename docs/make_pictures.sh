@@ -26,6 +26,8 @@ mv "$work/demo-110s.png" docs/pictures/controlled.png
 root=$PWD
 (cd "$work" && "$root/$python" "$root/examples/first_run.py")
 mv "$work/first_run.png" docs/pictures/first_run.png
+(cd "$work" && "$root/$python" "$root/examples/figure_for_a_paper.py")
+mv "$work/pulses.svg" docs/pictures/pulses.svg
 "$python" docs/draw.py
 "$python" -m cranedyn export page "$work/crane.html"
 "$python" - "$work/crane.html" docs/pictures/drive.gif <<'PYTHON'

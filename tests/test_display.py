@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from matplotlib.text import Text
 
 import cranedyn as cd
 from cranedyn import recording
@@ -177,6 +178,41 @@ def test_each_run_has_one_colour_in_every_panel(run: Trajectory) -> None:
         lines = [line for ax in figure.axes for line in ax.lines]
         colours = {ln.get_color() for ln in lines if str(ln.get_label()).endswith(name)}
         assert colours == {run_colour(i)}
+
+
+def test_columns_of_several_runs_are_drawn_in_the_colour_of_each_and_angles_in_degrees(
+    run: Trajectory,
+) -> None:
+    half = run.since(3.0)
+    figure = plot_runs({"whole": run, "late": half}, "phi_rad", "F_x_N")
+    swing, force = figure.axes
+    assert [swing.get_ylabel(), force.get_ylabel()] == ["phi [°]", "F_x_N"]
+    for i, trajectory in enumerate((run, half)):
+        curve = swing.lines[i]
+        assert curve.get_color() == force.lines[i].get_color() == run_colour(i)
+        assert curve.get_xydata() == pytest.approx(
+            np.column_stack([trajectory.t, np.degrees(trajectory["phi_rad"])])
+        )
+        assert force.lines[i].get_ydata() == pytest.approx(trajectory["F_x_N"])
+    legend = swing.get_legend()
+    assert [text.get_text() for text in legend.get_texts()] == ["whole", "late"]
+
+
+def test_a_figure_of_runs_has_the_size_and_the_letters_that_are_asked_for(run: Trajectory) -> None:
+    for columns in ((), ("phi_rad", "x_m")):
+        runs = {"one": run, "two": run}
+        figure = plot_runs(runs, *columns, width=3.5, height=1.5, font_size=8.0)
+        assert figure.get_size_inches() == pytest.approx([3.5, 1.5 * len(figure.axes)])
+        figure.draw_without_rendering()
+        for text in figure.findobj(Text):
+            assert not text.get_text() or text.get_fontsize() == 8.0, text
+
+
+def test_runs_without_a_column_or_without_a_run_are_refused(run: Trajectory) -> None:
+    with pytest.raises(UnknownColumn, match="phi_deg"):
+        plot_runs({"one": run}, "phi_deg")
+    with pytest.raises(CraneError, match="no run to draw"):
+        plot_runs({})
 
 
 def test_every_colour_of_a_run_is_legible_on_white_and_on_black_and_no_two_are_alike() -> None:

@@ -17,8 +17,9 @@ from matplotlib.legend import Legend
 from matplotlib.text import Text
 from matplotlib.ticker import LogFormatter
 
-from cranedyn.data.files import atomic_write
+from cranedyn.data.files import atomic_write, with_ending
 from cranedyn.data.time_series import TimeSeries
+from cranedyn.errors import CraneError
 from cranedyn.plotting.style import COLOURS, GREEK, LINE_STYLES, RC, colour_of, run_colour
 
 __all__ = ["COLOURS", "legend_above", "panels", "save"]
@@ -26,6 +27,9 @@ __all__ = ["COLOURS", "legend_above", "panels", "save"]
 _DPI = 130
 """Resolution of a picture [dots per inch]."""
 
+
+_ENDINGS = (".png", ".svg", ".pdf")
+"""Endings of the files in which a figure can be saved."""
 
 _NOTEBOOK_DPI = 90
 """Resolution of a figure in a notebook [dots per inch]."""
@@ -147,8 +151,8 @@ def _width(ax: Axes) -> float:
 
 
 def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
-    """Write a figure as ``.png`` or ``.svg`` and return the first path; the same figure gives the
-    same files.
+    """Write a figure as ``.png``, ``.svg`` or ``.pdf`` and return the first path; the same figure
+    gives the same files.
 
     Args:
         figure: The figure.
@@ -156,8 +160,10 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
         further: More files of the same figure, with the panels at the same positions.
 
     Raises:
-        DataError: If a file cannot be written.
+        DataError: If a file cannot be written, or has another ending.
     """
+    for file in (path, *further):
+        with_ending(file, *_ENDINGS)
     engine = figure.get_layout_engine()
     # Before the layout asks for the sizes of the texts.
     take_texts_literally(figure)
@@ -175,11 +181,20 @@ def save(figure: Figure, path: str | Path, *further: str | Path) -> Path:
                 ending = Path(file).suffix.removeprefix(".")
                 # Matplotlib would leave a file of its own open if Ctrl-C interrupts it.
                 with atomic_write(Path(file)) as draft:
-                    content = svg(figure) if ending == "svg" else _picture(figure, ending)
-                    draft.write_bytes(content)
+                    draft.write_bytes(_content(figure, ending))
         finally:
             figure.set_layout_engine(engine)
     return Path(path)
+
+
+def _content(figure: Figure, ending: str) -> bytes:
+    """Return the content of a file of a figure with an ending of `_ENDINGS`, without its dot."""
+    if ending == "svg":
+        return svg(figure)
+    if ending == "pdf":
+        # Matplotlib writes the time of day unless the date is None.
+        return _picture(figure, ending, metadata={"CreationDate": None})
+    return _picture(figure, ending)
 
 
 def svg(figure: Figure) -> bytes:
@@ -217,23 +232,74 @@ def plot_columns(series: TimeSeries, *columns: str) -> Figure:
         return plot_runs({"": series})
     columns = columns or tuple(series.principal_keys)
     # All columns are looked up before anything is drawn: an unknown one leaves no figure behind.
-    curves = []
-    for name in columns:
-        unit = name.rpartition("_")[2]
-        curves.append(_in_degrees(series[name], unit))
-    figure, axes = panels(len(columns), height=1.8 if len(columns) > 1 else 3.0, sharex=True)
-    for ax, name, (values, unit) in zip(axes, columns, curves, strict=True):
+    curves = [_column_in_degrees(series, name) for name in columns]
+    figure, axes = panels(len(columns), height=_height_for(columns), sharex=True)
+    for ax, name, values in zip(axes, columns, curves, strict=True):
         ax.plot(series.t, values, color=colour_of(name.split("_")[0]))
-        ax.set_ylabel(f"{name.removesuffix('_rad')} [°]" if unit == "°" else name)
+        ax.set_ylabel(_column_label(name))
     axes[-1].set_xlabel("time [s]")
     return figure
 
 
-def plot_runs(runs: Mapping[str, TimeSeries]) -> Figure:
-    """Draw drives, swing and stretch of several runs of one crane, each run in its own colour.
+def plot_runs(
+    runs: Mapping[str, TimeSeries],
+    *columns: str,
+    width: float = 9.0,
+    height: float | None = None,
+    font_size: float | None = None,
+) -> Figure:
+    """Draw several runs over time, each in its own colour: columns of them, one panel each.
+
+    Without columns draw the drives beside their setpoints, the swing and the stretch of runs of one
+    crane.
 
     Args:
-        runs: Trajectories by name; the name of a single one may be empty.
+        runs: Trajectories or other tables by name; the name of a single one may be empty.
+        columns: Names of columns that all runs have.
+        width: Width of the figure [inch].
+        height: Height of one panel [inch]; by default it suits the number of panels.
+        font_size: Size of all letters [points]; by default those of `cranedyn.plotting.style.RC`.
+
+    Raises:
+        UnknownColumn: If a run has no column of a name.
+        CraneError: If there is no run.
+    """
+    if not runs:
+        raise CraneError("There is no run to draw: give at least one, by its name.")
+    if columns:
+        figure = _column_panels(runs, columns, width, height)
+    else:
+        figure = _coordinate_panels(runs, width, height)
+    if font_size is not None:
+        _set_font_size(figure, font_size)
+    return figure
+
+
+def _column_panels(
+    runs: Mapping[str, TimeSeries], columns: Sequence[str], width: float, height: float | None
+) -> Figure:
+    """Return a figure with a panel for each column, which shows it in all runs."""
+    # All columns are looked up before anything is drawn: an unknown one leaves no figure behind.
+    curves = [[_column_in_degrees(run, name) for run in runs.values()] for name in columns]
+    if height is None:
+        height = _height_for(columns)
+    figure, axes = panels(len(columns), height=height, width=width, sharex=True)
+    for ax, column, values_of_runs in zip(axes, columns, curves, strict=True):
+        for i, (name, run) in enumerate(runs.items()):
+            ax.plot(run.t, values_of_runs[i], color=run_colour(i), label=name)
+        ax.set_ylabel(_column_label(column))
+    # One legend: a run has the same colour in every panel.
+    if len(runs) > 1:
+        legend_above(axes[0])
+    axes[-1].set_xlabel("time [s]")
+    return figure
+
+
+def _coordinate_panels(
+    runs: Mapping[str, TimeSeries], width: float, height: float | None
+) -> Figure:
+    """Return a figure with a panel for each drive, and one for the passive coordinates of each
+    unit.
     """
     first = next(iter(runs.values()))
     # Names of coordinates are those of their symbols with the unit: phi_rad, l_m.
@@ -249,7 +315,10 @@ def plot_runs(runs: Mapping[str, TimeSeries]) -> Figure:
         if symbols:
             passive_groups.append(symbols)
 
-    figure, axes = panels(len(drives) + len(passive_groups), height=1.7, sharex=True)
+    if height is None:
+        height = 1.7
+    count = len(drives) + len(passive_groups)
+    figure, axes = panels(count, height=height, width=width, sharex=True)
     for ax, symbol in zip(axes, drives, strict=False):
         _draw_drive(ax, runs, symbol, units[symbol])
     for ax, symbols in zip(axes[len(drives) :], passive_groups, strict=True):
@@ -311,6 +380,35 @@ def _widen(ax: Axes) -> None:
     if high - low < _MIN_SPAN:
         middle = (low + high) / 2
         ax.set_ylim(middle - _MIN_SPAN / 2, middle + _MIN_SPAN / 2)
+
+
+def _height_for(columns: Sequence[str]) -> float:
+    """Return the usual height of a panel of so many columns below each other [inch]."""
+    return 1.8 if len(columns) > 1 else 3.0
+
+
+def _column_in_degrees(series: TimeSeries, name: str) -> np.ndarray:
+    """Return a column as it is drawn: angles in degrees, all else unchanged."""
+    values, _ = _in_degrees(series[name], name.rpartition("_")[2])
+    return values
+
+
+def _column_label(name: str) -> str:
+    """Return the label of the axis of a column: its name, which has its unit, or degrees."""
+    return f"{name.removesuffix('_rad')} [°]" if name.endswith("_rad") else name
+
+
+def _set_font_size(figure: Figure, size: float) -> None:
+    """Give all letters of the panels of a figure the same size [points]."""
+    for ax in figure.axes:
+        # Also of the labels that Matplotlib makes later.
+        ax.tick_params(labelsize=size)
+        ax.xaxis.label.set_fontsize(size)
+        ax.yaxis.label.set_fontsize(size)
+        legend = ax.get_legend()
+        if legend is not None:
+            for text in legend.get_texts():
+                text.set_fontsize(size)
 
 
 def _in_degrees(values: np.ndarray, unit: str) -> tuple[np.ndarray, str]:

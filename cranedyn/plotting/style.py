@@ -57,6 +57,9 @@ RC: Any = {
     "axes.formatter.useoffset": False,
     # Words, not outlines: fewer bytes, and the browser finds them.
     "svg.fonttype": "none",
+    # TrueType fonts, which publishers accept and editors can change; Matplotlib's default, Type 3,
+    # is neither.
+    "pdf.fonttype": 42,
     # Without a salt of its own each drawing would have other ids, and no two files be the same.
     "svg.hashsalt": "cranedyn",
 }

@@ -6,6 +6,7 @@ See `cranedyn.recording.process` for why Rerun's own `spawn` and `serve_web_view
 from __future__ import annotations
 
 import os
+import shlex
 import shutil
 import subprocess
 import sys
@@ -31,7 +32,7 @@ from cranedyn.recording.contents import Run
 from cranedyn.recording.process import HOST, end, free_port, is_free, start
 from cranedyn.recording.recorder import record
 
-_INSTEAD = "--serve shows a recording in a browser, as in cranedyn view {} --serve"
+_INSTEAD = "show the recording in a browser instead: cranedyn view {} --serve"
 """What to do where no window can be opened, with a place for the file."""
 
 _MAGIC = b"RRF2"
@@ -123,7 +124,8 @@ def check_display(path: str | Path = "FILE.rrd") -> None:
     """
     displays = os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")
     if sys.platform == "linux" and not displays:
-        raise CraneError(f"There is no display to open a window on; {_INSTEAD.format(path)}.")
+        instead = _INSTEAD.format(shlex.quote(str(path)))
+        raise CraneError(f"There is no display to open a window on; {instead}.")
 
 
 def check_port(port: int) -> None:
@@ -160,7 +162,7 @@ def open_viewer(path: str | Path | None = None) -> str:
     check_display(*files)
     port = free_port()
     shown = files[0] if files else "FILE.rrd"
-    hint = f"Instead, {_INSTEAD.format(shown)}."
+    hint = f"You can {_INSTEAD.format(shlex.quote(shown))}."
     start(*files, "--port", str(port), ports=[port], hint=hint, detached=True)
     return data_address(port)
 

@@ -68,6 +68,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     swing = options.swing
     published = PUBLISHED if swing == SWING else {}
     cases = [run(setup, x, swing=swing, published=published.get(x)) for x in options.length]
+    if SOFT.length not in options.length:
+        return outcome(setup, cases)
     soft = run(
         setup,
         SOFT.length,
@@ -79,18 +81,27 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     return outcome(setup, cases, soft)
 
 
-def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcome:
-    """Return tables, claims, figures and files of the cable lengths and the soft trolley."""
+def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase | None = None) -> Outcome:
+    """Return tables, claims, figures and files of the cable lengths and the soft trolley.
+
+    Args:
+        setup: The world.
+        cases: The runs with the usual gains, one for each cable length.
+        soft: The run with a soft trolley; None if its cable length was not asked for.
+    """
     trajectories = {f"a1_l{case.length:g}": case.trajectory for case in cases}
-    trajectories["a1_soft"] = soft.trajectory
+    all_cases = list(cases)
+    if soft is not None:
+        trajectories["a1_soft"] = soft.trajectory
+        all_cases.append(soft)
     return Outcome(
         tables=[
             tables.article_table(setup.crane, cases),
-            tables.budget_table([*cases, soft]),
+            tables.budget_table(all_cases),
             tables.damping_table(setup.crane, cases),
-            tables.prediction_table([*cases, soft]),
+            tables.prediction_table(all_cases),
         ],
-        claims=list(_claims(setup, cases, soft)),
+        claims=list(_claims(setup, cases, all_cases)),
         parameters={
             "stiffness": STIFFNESS,
             "damping": DAMPING,
@@ -109,8 +120,16 @@ def outcome(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Outcom
     )
 
 
-def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterator[Claim]:
-    """Yield the claims on published columns, on the budget and on the prediction."""
+def _claims(
+    setup: Setup, cases: Sequence[SwingCase], all_cases: Sequence[SwingCase]
+) -> Iterator[Claim]:
+    """Yield the claims on published columns, on the budget and on the prediction.
+
+    Args:
+        setup: The world.
+        cases: The runs with the usual gains.
+        all_cases: These, and the run with a soft trolley if there is one.
+    """
     # Ours less the published number, of each column where it is published.
     differences: dict[str, list[float]] = {"error": [], "damping ratio": [], "amplitude": []}
     for case in cases:
@@ -124,10 +143,10 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
     for column, values in differences.items():
         yield _published_claim(setup, column, values)
 
-    all_cases = [*cases, soft]
     are_explained, budget = _within([(case.unexplained, case.second_order) for case in all_cases])
     yield Claim(
-        f"Periods are explained within {budget}: the second order of the budget's parts.",
+        f"The causes in the error budget add up to each period within {budget}: the sum "
+        "leaves out products of two causes.",
         setup.judged(are_explained),
     )
     are_predicted, finite = _within(
@@ -136,8 +155,8 @@ def _claims(setup: Setup, cases: Sequence[SwingCase], soft: SwingCase) -> Iterat
     # The prediction is of lowest order in the swing.
     are_small = all(case.predicted.amplitude < 1.1 * SWING for case in all_cases)
     yield Claim(
-        f"Periods are predicted within {finite}: the effect of a finite swing A on the compliance "
-        "of the trolley, A² of it.",
+        f"The linearised crane predicts each period within {finite}: it takes the yielding of the "
+        "trolley for small swings.",
         are_predicted if are_small else None,
     )
 
@@ -151,13 +170,14 @@ def _published_claim(setup: Setup, column: str, differences: Sequence[float]) ->
         differences: Ours less the published number of each run.
     """
     allowed = ROUNDING[column] + GAIN_RESIDUAL[column]
-    unit = {"error": "percentage points", "amplitude": "rad"}.get(column, "")
-    sentence = f"Published {column}s agree within {allowed:.2g} {unit}".rstrip()
+    noun = {"error": "errors of the period"}.get(column, f"{column}s")
+    unit = {"error": " percentage points", "amplitude": " rad"}.get(column, "")
+    sentence = f"The {noun} are within {allowed:.2g}{unit} of the published ones"
     if not differences:
         return Claim(f"{sentence} (none was run).", None)
     worst = max(map(abs, differences))
     return Claim(
-        f"{sentence} (worst {worst:.2g}): half its last digit and the residual of the gains.",
+        f"{sentence} (worst {worst:.2g}): these are rounded, and the gains are fitted to them.",
         setup.judged(worst < allowed),
     )
 
@@ -177,8 +197,9 @@ def _within(pairs: Sequence[tuple[float, float]]) -> tuple[bool, str]:
     texts = []
     # Both may be the same.
     for error, bound in dict.fromkeys([largest, nearest]):
-        texts.append(f"{100 * error:.2g} % where {100 * bound:.2g} % are allowed")
-    return all(error < bound for error, bound in sizes), ", and nearest to it ".join(texts)
+        texts.append(f"{100 * error:.2g} % (allowed {100 * bound:.2g} %)")
+    words = ", and in the tightest case ".join(texts)
+    return all(error < bound for error, bound in sizes), words
 
 
 def _fit(file: str, data: Mapping[str, np.ndarray]) -> tuple[float, SwingFit]:

@@ -29,10 +29,15 @@ def article_table(crane: Crane, cases: Sequence[SwingCase]) -> ResultTable:
         ("T art.", ".3f", lambda c: c.published.period),
         ("T point", ".3f", lambda c: _point(c.length)),
         ("error less art.", "+.3f", lambda c: _less(100 * c.error, c.published.point)),
-        ("rigid [%]", "+.3f", lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1)),
-        ("rigid art.", "+.2f", lambda c: c.published.rigid),
-        note="error: T against 2π√(l/g), rigid: against a rigid pendulum, both in standard gravity "
-        "as published; the article's world had 9.8 m/s² (--gravity 9.8).",
+        (
+            "error, rigid pendulum [%]",
+            "+.3f",
+            lambda c: 100 * (c.fit.period / _rigid(crane, c.length) - 1),
+        ),
+        ("art., rigid pendulum", "+.2f", lambda c: c.published.rigid),
+        note="error: how much longer the period T is than 2π√(l/g) with g = 9.80665 m/s²; ζ: "
+        "damping ratio; A: amplitude; art.: published in the article, which simulated with 9.8 "
+        "m/s² (here: --gravity 9.8).",
     )
 
 

@@ -346,8 +346,8 @@ def _claims(controls: Sequence[ControlResult]) -> list[Claim]:
         ),
         Claim(
             "Moves of least time keep all limits and end at rest in all modes: "
-            f"{1e3 * max(c.residual for c in controls):.3f} mrad, "
-            f"{100 * late:.0f} % at most of what efforts held for 5 ms may leave.",
+            f"{1e3 * max(c.residual for c in controls):.3f} mrad, at most "
+            f"{100 * late:.0f} % of what drives may leave that get a new effort every 5 ms only.",
             late < 1.0 and all(c.limits < 1.0 + 1e-6 for c in controls),
         ),
         Claim(

@@ -336,8 +336,8 @@ def _claims(
         ),
         Claim(
             "A move of least time on the whole model ends at rest in both modes: "
-            f"{1e3 * least_time.slow:.4f} and {1e3 * least_time.fast:.4f} mrad, "
-            f"where efforts held for 5 ms may leave {1e3 * sampling:.4f}.",
+            f"{1e3 * least_time.slow:.4f} and {1e3 * least_time.fast:.4f} mrad (allowed "
+            f"{1e3 * sampling:.4f}: the drives get a new effort every 5 ms only).",
             max(least_time.slow, least_time.fast) < sampling,
         ),
         Claim(

@@ -253,9 +253,9 @@ def _flat_claims(setup: Setup, dwells: Dwells) -> list[Claim]:
     peak = dwells.peak
     allowed = 1000.0 * sampling_swing(setup.gravity, dwells.shortest, setup.control_period, peak)
     claim = Claim(
-        f"Flat paths leave no swing: {residual:.4f} mrad at most, where efforts that are held for "
-        f"{1000 * setup.control_period:g} ms may leave "
-        f"{allowed:.4f} of {1000 * peak:.1f} mrad on the way.",
+        f"Flat paths leave a swing of at most {residual:.4f} mrad (allowed {allowed:.4f}: the "
+        f"drives get a new effort every {1000 * setup.control_period:g} ms only, while the load "
+        f"swings by up to {1000 * peak:.1f} mrad).",
         residual < allowed,
     )
     return [claim]

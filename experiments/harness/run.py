@@ -30,6 +30,8 @@ from cranedyn.data.files import (
     digest,
     lock_folder,
     make_folder,
+    parse_json,
+    read_text,
     write_text,
 )
 from cranedyn.errors import CraneError, DataError, RunError
@@ -117,13 +119,15 @@ def _outcome(experiment: Experiment, options: argparse.Namespace) -> Outcome:
 def _write(outcome: Outcome, options: argparse.Namespace, document: Document | None) -> None:
     """Write the files of a run and its document as one set: all of them or none.
 
-    ``result.json`` lists the files in the folder with their digests, and is written last.
+    ``result.json`` lists the files in the folder with their digests, and is written last. Files of
+    the run before it that this run does not replace are removed.
     """
     from cranedyn.data.tables import write_table
     from cranedyn.plotting.figures import save
 
     result = _result(outcome, options)
     folder = options.folder
+    earlier = _removable_files(folder)
     with atomic_write_set() as drafts:
         if document is not None:
             document.write(outcome.tables)
@@ -145,6 +149,35 @@ def _write(outcome: Outcome, options: argparse.Namespace, document: Document | N
             draft.final.name: digest(draft.path) for draft in drafts if draft.final.parent == folder
         }
         write_text(folder / "result.json", _json(result))
+    # Only now: a run that is cut off while it writes leaves the earlier one whole.
+    for name in earlier - {draft.final.name for draft in drafts}:
+        (folder / name).unlink(missing_ok=True)
+
+
+def _removable_files(folder: Path) -> set[str]:
+    """Return the names of the files of the earlier run in a folder that a new run may remove.
+
+    These are the files that the earlier ``result.json`` lists and that are still as that run wrote
+    them. Files whose names a user chose, such as a film, are kept, and so are all files if the
+    result does not say which these are, or cannot be read.
+    """
+    names = set[str]()
+    # Whatever is wrong with the earlier result: the new one takes its place.
+    with suppress(DataError, OSError, LookupError, TypeError, ValueError, RecursionError):
+        result = parse_json(read_text(folder / "result.json"))
+        for name in set(result["files"]) - set(result["named_by_user"]):
+            # A result is read from a file: it may name no file outside of its folder.
+            is_in_folder = Path(name).name == name and (folder / name).is_file()
+            if is_in_folder and digest(folder / name) == result["files"][name]:
+                names.add(name)
+    return names
+
+
+def _named_by_user(options: argparse.Namespace) -> list[str]:
+    """Return the names of the files in the folder of the results that the command line chose."""
+    chosen = [options.film, getattr(options, "document", None), getattr(options, "save", None)]
+    files = [Path(name) for name in chosen if name is not None]
+    return [file.name for file in files if file.parent == options.folder]
 
 
 def _json(result: dict[str, Any]) -> str:
@@ -263,6 +296,7 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
         "runs": {name: dict(run.record) for name, run in outcome.trajectories.items()},
         "figures": [f"{name}.png" for name in outcome.figures],
         "files": {},
+        "named_by_user": _named_by_user(options),
         "tables": [table.stored() for table in outcome.tables],
         "versions": versions,
         "machine": f"{platform.system()} {platform.machine()}",

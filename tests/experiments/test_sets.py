@@ -96,6 +96,62 @@ def test_a_result_lists_the_files_of_its_run_with_their_digests(folder: Path) ->
     assert reported(folder) == (0, "")
 
 
+def renamed(folder: Path, name: str = "run", words: tuple[str, ...] = ()) -> tuple[int, str]:
+    """A run that writes its only trajectory under this name."""
+
+    def experiment(options: Any, setup: harness.Setup) -> harness.Outcome:
+        run = quickly(crane(), hold_controller(crane()), duration=0.02)
+        return harness.Outcome([], [], {}, {name: run}, {}, [Run("r", crane(), run)])
+
+    parser = harness.parser("a1", "A trial.")
+    argv = ["--out", str(folder), *words]
+    return said(lambda: harness.run_experiment(parser, experiment, argv))
+
+
+def test_a_run_removes_the_files_of_the_run_before_it_and_no_other(folder: Path) -> None:
+    (folder / "notes.txt").write_text("mine")
+    assert renamed(folder, "other") == (0, "")
+    assert files(folder) == ["a1.rrd", "notes.txt", "other.parquet", "result.json"]
+    assert reported(folder) == (0, "")
+
+
+def test_a_run_keeps_an_earlier_file_that_somebody_has_replaced(folder: Path) -> None:
+    (folder / "run.parquet").write_text("mine")
+    assert renamed(folder, "other") == (0, "")
+    assert (folder / "run.parquet").read_text() == "mine"
+
+
+def test_a_run_keeps_an_earlier_recording_whose_name_a_user_chose(tmp_path: Path) -> None:
+    folder = tmp_path / "a1"
+    assert renamed(folder, words=("--save", str(tmp_path / "mine.rrd"))) == (0, "")
+    assert renamed(folder, words=("--save", str(folder / "mine.rrd"))) == (0, "")
+    assert renamed(folder) == (0, "")
+    assert files(folder) == ["a1.rrd", "mine.rrd", "result.json", "run.parquet"]
+
+
+@pytest.mark.parametrize("name", ["../victim", "{parent}/victim"])
+def test_a_result_that_names_a_file_elsewhere_removes_nothing_there(
+    name: str, folder: Path
+) -> None:
+    victim = folder.parent / "victim"
+    victim.write_text("mine")
+    file = folder / "result.json"
+    result = json.loads(file.read_text())
+    result["files"][name.format(parent=folder.parent)] = digest(victim)
+    file.write_text(json.dumps(result))
+    assert renamed(folder, "other") == (0, "")
+    assert victim.read_text() == "mine"
+
+
+@pytest.mark.parametrize("text", ["", "[]", "{}", '{"files": 1, "named_by_user": []}'])
+def test_an_earlier_result_that_cannot_be_read_is_replaced_and_removes_nothing(
+    text: str, folder: Path
+) -> None:
+    (folder / "result.json").write_text(text)
+    assert renamed(folder, "other") == (0, "")
+    assert files(folder) == sorted([*SET, "other.parquet"])
+
+
 @pytest.mark.parametrize("call", [0, len(SET) - 1])
 def test_a_second_run_cut_off_while_it_writes_leaves_the_first_as_it_was(
     call: int, folder: Path, monkeypatch: pytest.MonkeyPatch

@@ -7,6 +7,7 @@ from xml.etree import ElementTree
 
 import pytest
 
+from cranedyn.errors import DataError
 from cranedyn.plotting.figures import legend_above, panels, save, svg
 from tests.helpers import HOSTILE_NAMES, long_after
 
@@ -19,10 +20,10 @@ def _drawn():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ending", [".png", ".svg"])
+@pytest.mark.parametrize("ending", [".png", ".svg", ".pdf"])
 def test_a_file_is_the_same_alone_or_with_others_of_its_figure(tmp_path, ending):
     alone = save(_drawn(), tmp_path / f"alone{ending}")
-    names = [tmp_path / f"both{other}" for other in (".svg", ".png")]
+    names = [tmp_path / f"both{other}" for other in (".svg", ".png", ".pdf")]
     assert save(_drawn(), *names) == names[0]
     assert (tmp_path / f"both{ending}").read_bytes() == alone.read_bytes()
 
@@ -100,3 +101,16 @@ def test_a_legend_with_a_name_that_is_no_formula_is_measured_as_it_is_written():
     _, (ax,) = panels()
     ax.plot([0.0, 1.0], [0.0, 1.0], label=r"$\frac$")
     assert legend_above(ax).get_window_extent().width > 0.0
+
+
+def test_a_pdf_has_truetype_fonts_and_no_date(tmp_path):
+    content = save(_drawn(), tmp_path / "figure.pdf").read_bytes()
+    assert content.startswith(b"%PDF")
+    assert b"/TrueType" in content or b"/CIDFontType2" in content
+    assert b"/Type3" not in content
+    assert b"CreationDate" not in content
+
+
+def test_an_ending_that_no_figure_has_is_refused_in_a_sentence(tmp_path):
+    with pytest.raises(DataError, match=r"ending must be \.png or \.svg or \.pdf"):
+        save(_drawn(), tmp_path / "figure.docx")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import re
+import shlex
 import sys
 import urllib.request
 from pathlib import Path
@@ -13,8 +14,9 @@ import pytest
 from cranedyn.controllers import hold_controller
 from cranedyn.errors import CraneError, DataError
 from cranedyn.model.load import load_crane
-from cranedyn.recording import Run, open_viewer, record, serve
+from cranedyn.recording import Run, open_viewer, record, serve, view
 from cranedyn.recording.process import free_port, is_free
+from cranedyn.recording.viewer import check_recording
 from cranedyn.simulation.simulate import simulate
 
 
@@ -90,6 +92,22 @@ def test_without_a_display_the_viewer_points_to_serving_the_file(
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
     with pytest.raises(CraneError, match=rf"display.* view {file} --serve"):
         open_viewer(file)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="other systems always have a display")
+def test_a_run_viewed_without_a_display_is_kept_and_the_error_has_the_command_that_serves_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.delenv("DISPLAY", raising=False)
+    monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
+    crane = load_crane()
+    run = simulate(crane, hold_controller(crane), duration=0.02)
+    with pytest.raises(CraneError) as error:
+        view(run, crane, file=tmp_path / "my run.rrd")
+    command = str(error.value).rpartition("instead: ")[2].removesuffix(".")
+    program, subcommand, file, option = shlex.split(command)
+    assert (program, subcommand, option) == ("cranedyn", "view", "--serve")
+    check_recording(file)
 
 
 def test_a_missing_viewer_is_an_error(file: Path, monkeypatch: pytest.MonkeyPatch) -> None:
