@@ -12,7 +12,6 @@ from cranedyn.interfaces import Controller, Drive
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
-
 PERIOD = 5e-3
 """Control period of an exported controller, unless ``--period`` gives another one [s]."""
 
