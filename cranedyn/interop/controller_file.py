@@ -406,8 +406,9 @@ class StateSpace:
         if not np.allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(by_state).max()):
             raise DataError(
                 f"The columns of {', '.join(setpoints.names)} are neither zero nor those of the "
-                "deviation from the setpoint, which are minus the columns of the positions of the "
-                "drives; a controller that treats setpoints otherwise is written in Python."
+                "deviation from the setpoint, so that the controller goes neither to its rest nor "
+                "to the setpoint; a controller with setpoints of another kind is a function in "
+                "Python."
             )
         return "run"
 

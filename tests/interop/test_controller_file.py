@@ -30,6 +30,7 @@ from cranedyn.interop.controller_file import (
     open_controller,
     read_state_space,
 )
+from cranedyn.model.load import load_crane
 from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
@@ -224,6 +225,49 @@ def test_a_controller_that_is_written_for_matlab_is_read_back_and_commands_the_s
         found = made.controller(k * PERIOD, State(q, v), setpoint)
         # Sums in another order, of terms up to 1e7 N.
         np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_controller_of_a_luffing_crane_is_read_back_with_its_rest_at_each_setpoint(
+    tmp_path: Path,
+) -> None:
+    luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
+    names = input_names(luffing, "effort")
+    # The swing hangs at another angle of the jib where the jib is luffed.
+    law = linear_controller(
+        luffing,
+        a=[[0.9]],
+        b=[[0.1, 0.2]],
+        c=[[-1e3]] * len(names),
+        d=[[-2e3, 3e3]] * len(names),
+        about=luffing.start,
+        inputs=["luff", "swing_radial"],
+        period=PERIOD,
+        setpoint="run",
+    )
+    file = controller_to_matlab(tmp_path / "law.mat", luffing, law, duration=0.1)
+    made = open_controller(str(file)).make(luffing, rest_at_start(luffing, PERIOD))
+    start = luffing.start.q[luffing.layout.drives]
+    state = State(luffing.start.q + 0.02, luffing.start.v + 0.1)
+    zero = np.zeros(len(names))
+    for k in range(5):
+        setpoint = Setpoint(start + 0.01 * k, zero, zero)
+        expected = law(k * PERIOD, state, setpoint)
+        found = made.controller(k * PERIOD, state, setpoint)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_stretch_of_a_taut_rope_in_a_file_is_no_input(tmp_path: Path) -> None:
+    roped = load_crane(rope_stiffness=np.inf)
+    law, _ = usual_controller("lqr", roped, PERIOD)
+    file = controller_to_matlab(tmp_path / "law.mat", roped, law, duration=0.1)
+    assert "rope_stretch" in read_state_space(file).inputs
+    made = open_controller(str(file)).make(roped, rest_at_start(roped, PERIOD))
+    state = State(roped.start.q + 0.01, roped.start.v)
+    setpoint = Setpoint(roped.start.q[roped.layout.drives] + 0.1, np.zeros(3), np.zeros(3))
+    found = made.controller(0.0, state, setpoint)
+    np.testing.assert_allclose(found, law(0.0, state, setpoint), rtol=1e-9)
 
 
 def test_a_controller_for_matlab_follows_a_motion_by_its_deviations(tmp_path: Path) -> None:

@@ -111,6 +111,7 @@ def test_an_export_ends_with_two_commands_that_work(
     check_next_commands(capsys.readouterr().out, monkeypatch)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "words",
     [
