@@ -24,7 +24,11 @@ from cranedyn.compiled.crane_block import COMMUNICATION, crane_block
 from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.export.controller_block import controller_block, reference_calls
-from cranedyn.export.controller_options import add_controller_options, controller_from_options
+from cranedyn.export.controller_options import (
+    PERIOD,
+    add_controller_options,
+    controller_from_options,
+)
 from cranedyn.export.target import check_free, name_default_rates, new_folder
 from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.model.crane import Crane
@@ -270,7 +274,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--period",
         type=float,
-        default=5e-3,
+        default=PERIOD,
         metavar="T",
         help="time from one call of the controller to the next [s]",
     )

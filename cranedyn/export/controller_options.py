@@ -12,6 +12,9 @@ from cranedyn.interfaces import Controller, Drive
 from cranedyn.model.crane import Crane
 from cranedyn.references.motion import Motion
 
+PERIOD = 5e-3
+"""Control period of an exported controller, unless ``--period`` gives another one [s]."""
+
 
 class OwnController(Protocol):
     """A controller of one's own. The command line opens its file, see
@@ -53,6 +56,22 @@ def add_controller_options(
         help="what the controller commands, by default what it usually does: velocity for drives "
         f"behind frequency converters, which take rates{drive_help}",
     )
+
+
+def controller_words(options: argparse.Namespace) -> list[str]:
+    """Return the words of a command line that name the same controller with the same period.
+
+    Args:
+        options: Options of `add_controller_options` that name a controller, and ``--period``.
+    """
+    controller = options.controller
+    name = controller if isinstance(controller, str) else controller.source
+    words = ["--controller", name]
+    if options.drive is not None:
+        words += ["--drive", options.drive]
+    if options.period != PERIOD:
+        words += ["--period", f"{options.period!r}"]
+    return words
 
 
 def controller_from_options(

@@ -628,6 +628,12 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--dt", type=float, metavar="DT", help="physics step of a crane [s] (default: 0.0005)"
     )
+    parser.add_argument(
+        "--period",
+        type=float,
+        metavar="T",
+        help=f"time from one call of the controller to the next [s] (default: {CONTROL_PERIOD})",
+    )
     parser.add_argument("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
     parser.add_argument(
         "--platform",
@@ -643,6 +649,11 @@ def run(options: argparse.Namespace) -> Path:
     crane = crane_from_options(options)
     platforms = [*PLATFORMS] if "all" in options.platform else options.platform
     if options.controller is None:
+        if options.period is not None:
+            raise DataError(
+                "--period has no effect without --controller, since a crane is called in any "
+                "multiple of its physics step; leave it out."
+            )
         return export(
             crane,
             options.target,
@@ -653,13 +664,14 @@ def run(options: argparse.Namespace) -> Path:
         )
     if options.dt is not None:
         raise DataError("--dt has no effect with --controller, which has no physics; leave it out.")
-    controller, drive = controller_from_options(options, crane, CONTROL_PERIOD)
+    period = CONTROL_PERIOD if options.period is None else options.period
+    controller, drive = controller_from_options(options, crane, period)
     return export(
         crane,
         options.target,
         drive=drive,
         controller=controller,
-        control_period=CONTROL_PERIOD,
+        control_period=period,
         version=options.fmi,
         platforms=platforms,
     )

@@ -17,7 +17,12 @@ from cranedyn.data.files import with_ending
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import DataError
 from cranedyn.export.controller_block import controller_block
-from cranedyn.export.controller_options import add_controller_options, controller_from_options
+from cranedyn.export.controller_options import (
+    PERIOD,
+    add_controller_options,
+    controller_from_options,
+    controller_words,
+)
 from cranedyn.export.target import check_free, new_file
 from cranedyn.interfaces import Drive
 from cranedyn.model.crane import Crane
@@ -89,7 +94,7 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "--period",
         type=float,
-        default=5e-3,
+        default=PERIOD,
         metavar="T",
         help="cycle of the task that calls the block [s]",
     )
@@ -106,7 +111,7 @@ def next_commands(options: argparse.Namespace) -> list[str]:
     """Return command lines that work with what `run` has written."""
     crane = crane_words(options)
     same_in_c = options.target.with_name(f"{options.target.stem}_c")
-    controller = ["--controller", options.controller]
+    controller = controller_words(options)
     return [
         command_line("cranedyn", "serve", "--opcua", "127.0.0.1:4840", *crane),
         command_line("cranedyn", "export", "c", same_in_c, *controller, *crane),

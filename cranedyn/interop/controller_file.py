@@ -19,19 +19,26 @@ import io
 import sys
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple, cast, get_args
 
 import numpy as np
 
-from cranedyn.checks import finite, number
-from cranedyn.controllers.linear import linear_controller
+from cranedyn.checks import as_array, finite, number
+from cranedyn.controllers.affine import at_rest_shifted
+from cranedyn.controllers.linear import (
+    AntiWindup,
+    LinearController,
+    SetpointSource,
+    linear_controller,
+)
 from cranedyn.data.files import open_file, parse_json, read_bytes, read_text
+from cranedyn.dynamics.linearisation import held_states
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error, quoted
 from cranedyn.interfaces import Controller, Drive, State
 from cranedyn.model.crane import Crane
-from cranedyn.model.signals import input_names
+from cranedyn.model.signals import input_names, state_names
 from cranedyn.references.motion import Motion
 
 FORMS = "FILE.py:FUNCTION, FILE.json or FILE.mat"
@@ -45,6 +52,12 @@ _NAMES_IN_MATLAB = {"inputs": "InputName", "outputs": "OutputName"}
 
 _UNUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
 """Fields of an `ss` object that change what it computes, and which are not read."""
+
+_SETPOINT = "_set"
+"""End of the name of an input that is the position of the setpoint of a drive, such as "x_set"."""
+
+_OWN_REST_IN_MATLAB = ("z0", "u0", "x0", "anti_windup", "u_limits")
+"""Variables that `controller_to_matlab` writes beside the matrices."""
 
 
 class DrivenController(NamedTuple):
@@ -185,6 +198,35 @@ def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
 
 
 @dataclass(frozen=True, eq=False)
+class SetpointInputs:
+    """Inputs that are positions of the setpoint of the drives, and the rest of their own about
+    which `cranedyn.export.matlab.controller_to_matlab` writes a controller.
+
+    The shapes of the arrays from a file are checked where the crane is known. What a file leaves
+    out is None: then it is as in a file without such inputs.
+
+    Attributes:
+        names: Names of the inputs, such as "x_set".
+        b: Their columns in the next states, shape (k, names).
+        d: Their columns in the commands, shape (outputs, names).
+        rest: Coordinates and rates from which the inputs are deviations, shape (2 n,).
+        command: Commands from which the outputs are deviations, shape (outputs,).
+        initial: States at the start of a run, shape (k,).
+        anti_windup: Gain of what saturation takes away in the next states, shape (k, outputs).
+        limit: Largest command that a drive takes, shape (outputs,); inf for none.
+    """
+
+    names: list[str]
+    b: np.ndarray
+    d: np.ndarray
+    rest: np.ndarray | None = None
+    command: np.ndarray | None = None
+    initial: np.ndarray | None = None
+    anti_windup: np.ndarray | None = None
+    limit: np.ndarray | None = None
+
+
+@dataclass(frozen=True, eq=False)
 class StateSpace:
     """A discrete state-space system x ← a x + b y, u = c x + d y, with named signals.
 
@@ -201,6 +243,8 @@ class StateSpace:
         inputs: Names of states of the crane, such as "phi" or "x_dot".
         outputs: Names of the commands: "T_gamma", "F_x", "F_l" for efforts, "x_ddot" and the like
             for accelerations, "x_dot_command" and the like for rates.
+        setpoints: Further inputs that are setpoints; None if there are none, and the controller
+            goes where the setpoint of the run is.
     """
 
     a: np.ndarray
@@ -210,6 +254,7 @@ class StateSpace:
     period: float | None
     inputs: list[str]
     outputs: list[str]
+    setpoints: SetpointInputs | None = None
 
     def drive(self, crane: Crane) -> Drive:
         """Return what its outputs are, by their names.
@@ -232,7 +277,7 @@ class StateSpace:
             "efforts, accelerations or rates alone."
         )
 
-    def controller(self, crane: Crane, about: State | Motion, dt: float) -> Controller:
+    def controller(self, crane: Crane, about: State | Motion, dt: float = 5e-4) -> Controller:
         """Return the controller about a rest or a motion, whose commands are fed forward.
 
         Args:
@@ -240,29 +285,132 @@ class StateSpace:
             about: The rest or the motion.
             dt: Physics step of the run [s].
 
+        A file of `controller_to_matlab` says itself about which rest it acts, and which commands
+        hold the crane there; along a motion both are those of the motion.
+
         Raises:
             UnknownName: If an input is no state of the crane, or an output no command.
             CraneError: As `linear_controller`.
+            DataError: If it has setpoints that are neither fixed nor followed.
         """
-        # About a rest the drives go where the setpoint of the loop is; a motion has its own.
+        own = self.setpoints
+        setpoint: SetpointSource = "run"
+        if own is not None:
+            setpoint = self._setpoint_source(crane, own)
+            if own.rest is not None and not isinstance(about, Motion):
+                n = crane.layout.n
+                rest = finite("z0 of the controller", own.rest, (2 * n,))
+                about = State(rest[:n], rest[n:])
+        if isinstance(about, Motion):
+            # About a rest the drives go where the setpoint of the loop is; a motion has its own.
+            setpoint = "rest"
+            first_state = State(about.q[0], about.v[0])
+        else:
+            first_state = about
+        system = self if own is None else self._without_held(crane, first_state)
+        anti_windup: AntiWindup = "observer"
+        if own is not None and own.anti_windup is not None:
+            anti_windup = own.anti_windup
         controller = linear_controller(
             crane,
-            self.a,
-            self.b,
-            self.c,
-            self.d,
+            system.a,
+            system.b,
+            system.c,
+            system.d,
             about=about,
-            inputs=self.inputs,
+            inputs=system.inputs,
             outputs=self.outputs,
             period=self.period,
-            setpoint="rest" if isinstance(about, Motion) else "run",
+            initial=None if own is None else own.initial,
+            anti_windup=anti_windup,
+            setpoint=setpoint,
             drive=self.drive(crane),
             dt=dt,
         )
+        if own is not None:
+            controller = self._with_own_commands(crane, controller, own)
         if not len(self.a) and isinstance(about, Motion):
             # A table of gains, of which `as_velocity_command` makes one for rates.
             return controller.tracking
         return controller
+
+    def _without_held(self, crane: Crane, state: State) -> StateSpace:
+        """Return the system without the inputs that are held at a state, such as the stretch of a
+        rigid rope. They are no inputs of a controller; a file that names all states of the crane
+        has columns of zeros for them.
+        """
+        names = state_names(crane)
+        held = {names[i] for i in held_states(crane, state)}
+        columns = []
+        for i, name in enumerate(self.inputs):
+            if name not in held or self.b[:, i].any() or self.d[:, i].any():
+                columns.append(i)
+        inputs = [self.inputs[i] for i in columns]
+        return replace(self, b=self.b[:, columns], d=self.d[:, columns], inputs=inputs)
+
+    def _with_own_commands(
+        self, crane: Crane, controller: LinearController, own: SetpointInputs
+    ) -> LinearController:
+        """Return a controller with the limits of its commands from the file, and, about a rest,
+        also with the commands there.
+
+        Raises:
+            OutOfRange: If one is not finite or has another shape, or a limit is not positive.
+        """
+        commands = input_names(crane, self.drive(crane))
+        places = [commands.index(name) for name in self.outputs]
+        tracking = controller.tracking
+        if own.command is not None and len(tracking.feed_forward) == 1:
+            feed_forward = tracking.feed_forward.copy()
+            feed_forward[0, places] = finite("u0 of the controller", own.command, (len(places),))
+            tracking = replace(tracking, feed_forward=feed_forward)
+        states = controller.states
+        if own.limit is not None:
+            name = "u_limits of the controller"
+            limit = states.limit.copy()
+            limit[places] = as_array(name, own.limit, (len(places),))
+            if not (limit > 0.0).all():
+                raise OutOfRange(name, limit.tolist(), "> 0")
+            states = replace(states, limit=limit)
+        return replace(controller, tracking=tracking, states=states)
+
+    def _setpoint_source(self, crane: Crane, setpoints: SetpointInputs) -> SetpointSource:
+        """Return whose positions of the drives the controller acts about: those of its rest where
+        the columns of its setpoints are zero, and those of the run where they are what takes the
+        deviation from the setpoint.
+
+        Raises:
+            UnknownName: If a setpoint is that of no drive.
+            DataError: If the columns are neither.
+        """
+        layout = crane.layout
+        drives = [f"{joint.symbol}{_SETPOINT}" for joint in layout.driven]
+        for name in setpoints.names:
+            if name not in drives:
+                raise UnknownName("setpoint", name, drives)
+        columns = np.zeros((len(self.a) + len(self.outputs), layout.m))
+        places = [drives.index(name) for name in setpoints.names]
+        columns[:, places] = np.vstack([setpoints.b, setpoints.d])
+        if not columns.any():
+            return "rest"
+        # Where the drives are to stand elsewhere, the measured deviations are less by how the rest
+        # is shifted.
+        shift = at_rest_shifted(crane, np.eye(layout.m)).T
+        by_state = np.zeros((len(columns), 2 * layout.n))
+        names = state_names(crane)
+        for i, name in enumerate(self.inputs):
+            if name in names:
+                by_state[:, names.index(name)] = np.append(self.b[:, i], self.d[:, i])
+        expected = -by_state @ shift
+        # The writer takes the shift as a difference of two rests.
+        if not np.allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(by_state).max()):
+            raise DataError(
+                f"The columns of {', '.join(setpoints.names)} are neither zero nor those of the "
+                "deviation from the setpoint, so that the controller goes neither to its rest nor "
+                "to the setpoint; a controller with setpoints of another kind is a function in "
+                "Python."
+            )
+        return "run"
 
 
 class _StateSpaceFile(ControllerFile):
@@ -290,6 +438,10 @@ def read_state_space(file: str | Path) -> StateSpace:
     inputs and outputs; or the fields of an `ss` object, as ``s = get(K); save('k.mat', '-struct',
     's')`` writes them, with the names in InputName and OutputName.
 
+    Inputs whose names end in "_set" are setpoints of the drives, see `SetpointInputs`: so
+    `cranedyn.export.matlab.controller_to_matlab` writes a controller, with the rest about which it
+    acts.
+
     Raises:
         DataError: If it cannot be read, or something in it is missing or has another form.
     """
@@ -306,6 +458,8 @@ def read_state_space(file: str | Path) -> StateSpace:
             "is zero where the inputs act through the states alone."
         )
     d = _matrix(file, "D", matrices.pop("D"), len(outputs), len(inputs))
+    is_setpoint = np.array([name.endswith(_SETPOINT) for name in inputs])
+    measured = [name for name in inputs if not name.endswith(_SETPOINT)]
     if not matrices:
         if content["dt"] is not None:
             raise DataError(
@@ -314,20 +468,65 @@ def read_state_space(file: str | Path) -> StateSpace:
         no_states = np.zeros((0, 0))
         no_columns = np.zeros((len(outputs), 0))
         no_rows = np.zeros((0, len(inputs)))
-        return StateSpace(no_states, no_rows, no_columns, d, None, inputs, outputs)
+        return StateSpace(
+            a=no_states,
+            b=no_rows[:, ~is_setpoint],
+            c=no_columns,
+            d=d[:, ~is_setpoint],
+            period=None,
+            inputs=measured,
+            outputs=outputs,
+            setpoints=_setpoint_inputs(content, inputs, no_rows, d),
+        )
     missing = [key for key in "ABC" if key not in matrices]
     if missing:
         raise DataError(f"{file} has no {', '.join(missing)}, but others of A, B and C.")
     states = len(_matrix(file, "A", matrices["A"], "k", "k"))
+    a = _matrix(file, "A", matrices["A"], states, states)
+    b = _matrix(file, "B", matrices["B"], states, len(inputs))
     return StateSpace(
-        a=_matrix(file, "A", matrices["A"], states, states),
-        b=_matrix(file, "B", matrices["B"], states, len(inputs)),
+        a=a,
+        b=b[:, ~is_setpoint],
         c=_matrix(file, "C", matrices["C"], len(outputs), states),
-        d=d,
+        d=d[:, ~is_setpoint],
         period=_period(file, content["dt"]),
-        inputs=inputs,
+        inputs=measured,
         outputs=outputs,
+        setpoints=_setpoint_inputs(content, inputs, b, d),
     )
+
+
+def _setpoint_inputs(
+    content: dict[str, Any], inputs: list[str], b: np.ndarray, d: np.ndarray
+) -> SetpointInputs | None:
+    """Return the inputs that are setpoints, with what belongs to them; None if there are none.
+
+    Args:
+        content: What the file holds.
+        inputs: Names of all inputs.
+        b: Their columns in the next states, shape (k, inputs).
+        d: Their columns in the commands, shape (outputs, inputs).
+    """
+    places = [i for i, name in enumerate(inputs) if name.endswith(_SETPOINT)]
+    if not places:
+        return None
+    return SetpointInputs(
+        names=[inputs[i] for i in places],
+        b=b[:, places],
+        d=d[:, places],
+        rest=_column(content.get("z0")),
+        command=_column(content.get("u0")),
+        initial=_column(content.get("x0")),
+        anti_windup=content.get("anti_windup"),
+        limit=_column(content.get("u_limits")),
+    )
+
+
+def _column(value: Any) -> np.ndarray | None:
+    """Return a variable of MATLAB as a vector, which MATLAB has as a matrix of one column; None if
+    there is none.
+    """
+    return None if value is None else np.ravel(value)
 
 
 def _matrix(file: str | Path, key: str, value: Any, rows: int | str, columns: int | str) -> Any:
@@ -387,7 +586,7 @@ def _json_content(file: str | Path) -> dict[str, Any]:
 
 
 def _matlab_content(file: str | Path) -> dict[str, Any]:
-    """Return what a file of MATLAB holds, by the keys of `_JSON_KEYS`.
+    """Return what a file of MATLAB holds, by the keys of `_JSON_KEYS` and `_OWN_REST_IN_MATLAB`.
 
     Raises:
         DataError: If it cannot be read, or the system has delays or a matrix E.
@@ -395,7 +594,7 @@ def _matlab_content(file: str | Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
     wanted = ["A", "B", "C", "D", "E", "Ts", *_NAMES_IN_MATLAB, *_NAMES_IN_MATLAB.values()]
-    wanted += _UNUSED_IN_MATLAB
+    wanted += [*_UNUSED_IN_MATLAB, *_OWN_REST_IN_MATLAB]
     try:
         variables = loadmat(io.BytesIO(read_bytes(file)), variable_names=wanted)
     except CraneError:
@@ -411,7 +610,9 @@ def _matlab_content(file: str | Path) -> dict[str, Any]:
             raise DataError(f"{file} has {name}, which is not read; absorb it by absorbDelay.")
     if _numbers(variables.get("E")).size:
         raise DataError(f"{file} has a matrix E; make the system explicit by ss(…, 'explicit').")
-    content: dict[str, Any] = {key: variables.get(key) for key in "ABCD"}
+    content: dict[str, Any] = {}
+    for key in [*"ABCD", *_OWN_REST_IN_MATLAB]:
+        content[key] = variables.get(key)
     period = _numbers(variables.get("Ts"))
     # Every `ss` object has a period, also a gain, which needs none.
     is_gain = not any(_has_elements(content[key]) for key in "ABC")

@@ -5,7 +5,8 @@ and air are not as planned; and, by --controller, a controller of one's own amon
 from __future__ import annotations
 
 import argparse
-from collections.abc import Sequence
+import sys
+from collections.abc import Mapping, Sequence
 from concurrent.futures import Future, as_completed
 from dataclasses import replace
 from typing import Any
@@ -44,6 +45,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     is_ideal = drive == IDEAL
     moves = [*MOVES, SWINGING]
     of_move, tours = _compute(options, setup, moves)
+    print_missing_results(of_move)
     combined = of_move[COMBINED.name]
     perturbed = _perturbed(combined)
     runs = {}
@@ -141,6 +143,23 @@ def _own_controllers(sources: Sequence[str]) -> dict[str, str]:
         if name in STRATEGIES:
             raise CraneError(f"{own.source} has the name of a strategy, {name}; rename it.")
     return {name: own.source for name, own in opened.items()}
+
+
+def print_missing_results(of_move: Mapping[str, Results]) -> None:
+    """Print on standard error why a controller of one's own has no result in a move as planned,
+    each reason once. The tables show a dash there, and the reason below them only.
+
+    Args:
+        of_move: The results of each move by its name.
+    """
+    reasons: dict[tuple[str, str], None] = {}
+    for results in of_move.values():
+        for name, by_case in results.items():
+            why = by_case[NOMINAL.name].why
+            if why and name not in STRATEGIES:
+                reasons[name, why] = None
+    for name, why in reasons:
+        print(f"{name} has no result: {why}", file=sys.stderr)
 
 
 def recorded_strategies(strategies: Sequence[str]) -> Sequence[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
@@ -97,6 +98,19 @@ def test_a_controller_that_commands_rates_has_a_result_on_converters_alone(
     # PD by rates, about another reference.
     assert on_converters is not None and usual is not None
     assert on_converters.later < 0.1 * usual.later
+
+
+def test_the_command_says_at_once_that_a_controller_of_another_period_has_no_result(
+    setup: harness.Setup, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    content = {"A": [[0.9]], "B": [[1.0]], "C": [[20.0]], "D": [[-4000.0]], "dt": 0.02}
+    file = tmp_path / "slow.json"
+    file.write_text(json.dumps({**content, "inputs": ["x"], "outputs": ["F_x"]}))
+    by_case = strategy_results(setup, [TROLLEY], "slow", IDEAL, str(file))[TROLLEY.name]
+    compare.print_missing_results({move: {"slow": by_case} for move in ("one", "another")})
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("slow has no result: ")
+    assert "control period of the run is 0.005 s; allowed is that of the controller, 0.02" in line
 
 
 def test_no_observer_of_efforts_is_put_before_a_controller_that_commands_accelerations(

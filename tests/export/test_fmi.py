@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+import json
 import re
 import shutil
 import time
@@ -777,3 +778,26 @@ def test_an_option_of_the_crane_is_refused_beside_a_controller(
     assert main(["export", "fmu", *words]) == 2
     assert "--dt has no effect with --controller" in capsys.readouterr().err
     assert list(tmp_path.iterdir()) == []
+
+
+def test_a_period_without_a_controller_is_refused(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(["export", "fmu", str(tmp_path / "c.fmu"), "--period", "0.02"]) == 2
+    assert "--period has no effect without --controller" in capsys.readouterr().err
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.slow
+def test_the_command_line_writes_a_controller_of_the_period_that_it_was_designed_for(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    design = {"A": [[0.9]], "B": [[1.0]], "C": [[20.0]], "D": [[-4000.0]], "dt": 0.02}
+    file = tmp_path / "slow.json"
+    file.write_text(json.dumps({**design, "inputs": ["x"], "outputs": ["F_x"]}))
+    path = tmp_path / "slow.fmu"
+    words = ["export", "fmu", str(path), "--controller", str(file)]
+    assert main(words) == 2
+    assert "allowed is that of the controller, 0.02" in capsys.readouterr().err
+    assert main([*words, "--period", "0.02"]) == 0
+    assert float(fmpy.read_model_description(path).defaultExperiment.stepSize) == 0.02

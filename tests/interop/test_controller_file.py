@@ -5,27 +5,32 @@ from __future__ import annotations
 import argparse
 import json
 import re
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from scipy.io import savemat
+from scipy.io import loadmat, savemat
 
 from cranedyn.__main__ import main
+from cranedyn.controllers.linear import LinearController, linear_controller
 from cranedyn.controllers.tracking import Tracking
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName
 from cranedyn.export.controller_options import controller_from_options
+from cranedyn.export.matlab import controller_to_matlab
 from cranedyn.export.st import export
 from cranedyn.export.usual_controllers import rest_at_start, usual_controller
-from cranedyn.interfaces import Setpoint, State
+from cranedyn.interfaces import Drive, Setpoint, State
 from cranedyn.interop.controller_file import (
     controllers_by_name,
     is_controller_file,
     open_controller,
     read_state_space,
 )
+from cranedyn.model.load import load_crane
 from cranedyn.model.signals import input_names, state_names
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
@@ -138,6 +143,171 @@ def test_a_file_of_matlab_says_the_same_as_one_in_json(form: str, tmp_path: Path
     assert from_matlab.keys() == from_json.keys()
     for key, value in from_json.items():
         assert np.array_equal(from_matlab[key], value), key
+
+
+def heavier_law() -> LinearController:
+    """States, limits, anti-windup and holding commands that are not those of CRANE at its start."""
+    heavy = crane(payload_mass=1700.0)
+    law = linear_controller(
+        heavy,
+        about=heavy.state(x=12.0, l=15.0),
+        a=[[0.9, 0.1], [0.0, 1.0]],
+        b=[[0.1, 0.0], [PERIOD, 0.2]],
+        c=[[-3e4, -5e3], [2e3, 0.0]],
+        d=[[-5e6, -1e6], [3e4, 2e4]],
+        inputs=["x", "phi_dot"],
+        outputs=["F_x", "F_l"],
+        period=PERIOD,
+        initial=[0.3, -0.2],
+        anti_windup=[[1e-5, 0.0], [2e-5, 3e-5]],
+        setpoint="run",
+    )
+    return replace(law, states=replace(law.states, limit=0.5 * law.states.limit))
+
+
+WRITTEN: dict[str, tuple[Callable[[], Any], Drive]] = {
+    "follows": (heavier_law, "effort"),
+    "at rest": (lambda: replace(heavier_law(), setpoint="rest"), "effort"),
+    "gain": (lambda: usual_controller("lqr", CRANE, PERIOD)[0], "effort"),
+    "accelerations": (
+        lambda: linear_controller(
+            CRANE,
+            a=[[1.0]],
+            b=[[PERIOD]],
+            c=[[-1.0]],
+            d=[[-2.0]],
+            about=CRANE.state(x=13.0),
+            inputs=["x"],
+            outputs=["x_ddot"],
+            period=PERIOD,
+            anti_windup=None,
+            drive="motion",
+        ),
+        "motion",
+    ),
+    "rates": (
+        lambda: linear_controller(
+            CRANE,
+            a=np.zeros((0, 0)),
+            b=np.zeros((0, 2)),
+            c=np.zeros((1, 0)),
+            d=[[-0.5, 0.2]],
+            about=CRANE.state(x=13.0),
+            inputs=["x", "x_dot_command_4"],
+            outputs=["x_dot_command"],
+            period=PERIOD,
+            setpoint="run",
+            drive="velocity",
+        ),
+        "velocity",
+    ),
+}
+"""Controllers that `controller_to_matlab` writes, and what they command."""
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_a_controller_that_is_written_for_matlab_is_read_back_and_commands_the_same(
+    name: str, tmp_path: Path
+) -> None:
+    make, drive = WRITTEN[name]
+    law = make()
+    file = controller_to_matlab(tmp_path / "law.mat", CRANE, law, drive=drive, duration=0.1)
+    # Read about another rest than the one that it was designed for: the file has its own.
+    made = open_controller(str(file)).make(CRANE, rest_at_start(CRANE, PERIOD))
+    assert made.drive == drive
+    rng = np.random.default_rng(0)
+    for k in range(40):
+        q = CRANE.start.q + rng.normal(size=5)
+        v = rng.normal(size=5)
+        positions = CRANE.start.q[CRANE.layout.drives] + rng.normal(size=3)
+        setpoint = Setpoint(positions, np.zeros(3), np.zeros(3))
+        expected = law(k * PERIOD, State(q, v), setpoint)
+        found = made.controller(k * PERIOD, State(q, v), setpoint)
+        # Sums in another order, of terms up to 1e7 N.
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_a_controller_of_a_luffing_crane_is_read_back_with_its_rest_at_each_setpoint(
+    tmp_path: Path,
+) -> None:
+    luffing = load_crane(urdf=ROOT / "urdf" / "luffing_crane.urdf.xacro")
+    names = input_names(luffing, "effort")
+    # The swing hangs at another angle of the jib where the jib is luffed.
+    law = linear_controller(
+        luffing,
+        a=[[0.9]],
+        b=[[0.1, 0.2]],
+        c=[[-1e3]] * len(names),
+        d=[[-2e3, 3e3]] * len(names),
+        about=luffing.start,
+        inputs=["luff", "swing_radial"],
+        period=PERIOD,
+        setpoint="run",
+    )
+    file = controller_to_matlab(tmp_path / "law.mat", luffing, law, duration=0.1)
+    made = open_controller(str(file)).make(luffing, rest_at_start(luffing, PERIOD))
+    start = luffing.start.q[luffing.layout.drives]
+    state = State(luffing.start.q + 0.02, luffing.start.v + 0.1)
+    zero = np.zeros(len(names))
+    for k in range(5):
+        setpoint = Setpoint(start + 0.01 * k, zero, zero)
+        expected = law(k * PERIOD, state, setpoint)
+        found = made.controller(k * PERIOD, state, setpoint)
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-6)
+
+
+@pytest.mark.slow
+def test_the_stretch_of_a_taut_rope_in_a_file_is_no_input(tmp_path: Path) -> None:
+    roped = load_crane(rope_stiffness=np.inf)
+    law, _ = usual_controller("lqr", roped, PERIOD)
+    file = controller_to_matlab(tmp_path / "law.mat", roped, law, duration=0.1)
+    assert "rope_stretch" in read_state_space(file).inputs
+    made = open_controller(str(file)).make(roped, rest_at_start(roped, PERIOD))
+    state = State(roped.start.q + 0.01, roped.start.v)
+    setpoint = Setpoint(roped.start.q[roped.layout.drives] + 0.1, np.zeros(3), np.zeros(3))
+    found = made.controller(0.0, state, setpoint)
+    np.testing.assert_allclose(found, law(0.0, state, setpoint), rtol=1e-9)
+
+
+def test_a_controller_for_matlab_follows_a_motion_by_its_deviations(tmp_path: Path) -> None:
+    file = controller_to_matlab(tmp_path / "law.mat", CRANE, heavier_law(), duration=0.1)
+    motion = flat(CRANE, CRANE.state(), CRANE.state(x=14.0), 15.0, period=PERIOD)
+    controller, _ = open_controller(str(file)).make(CRANE, motion)
+    planned = State(motion.q[0], motion.v[0])
+    first = controller(0.0, planned, motion(0.0))
+    holding = holding_effort(CRANE, CRANE.start.q)
+    # Its states begin at 0.3 and -0.2.
+    expected = holding + np.array([0.0, -3e4 * 0.3 + 5e3 * 0.2, 2e3 * 0.3])
+    np.testing.assert_allclose(first, expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"D": np.ones((3, 13))}, "neither zero nor those of the deviation"),
+        ({"z0": np.zeros((4, 1))}, "z0 of the controller .* shape"),
+        ({"u0": np.full((3, 1), np.nan)}, "u0 of the controller"),
+        ({"u_limits": np.zeros((3, 1))}, "u_limits of the controller"),
+        ({"anti_windup": np.zeros((1, 1))}, "anti_windup .* shape"),
+    ],
+)
+def test_a_file_of_matlab_whose_setpoints_make_no_controller_is_refused(
+    changes: dict[str, Any], message: str, tmp_path: Path
+) -> None:
+    file = controller_to_matlab(tmp_path / "law.mat", CRANE, heavier_law(), duration=0.1)
+    content = {key: value for key, value in loadmat(file).items() if not key.startswith("__")}
+    savemat(file, content | changes)
+    own = open_controller(str(file))
+    with pytest.raises(CraneError, match=message):
+        own.make(CRANE, rest_at_start(CRANE, PERIOD))
+
+
+def test_a_setpoint_of_no_drive_is_refused(tmp_path: Path) -> None:
+    content = {"D": [[1.0]], "inputs": ["phi_set"], "outputs": ["F_x"]}
+    own = open_controller(written(tmp_path, content))
+    with pytest.raises(UnknownName, match="no setpoint 'phi_set'; there are gamma_set, x_set"):
+        own.make(CRANE, rest_at_start(CRANE, PERIOD))
 
 
 def changed(**values: Any) -> dict[str, Any]:

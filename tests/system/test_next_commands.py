@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import pytest
@@ -108,6 +109,27 @@ def test_an_export_ends_with_two_commands_that_work(
         write_run("run.parquet")
     assert main(["export", exporter, *words.split()]) == 0
     check_next_commands(capsys.readouterr().out, monkeypatch)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "words",
+    [
+        "--controller mine.json --period 0.02",
+        "--controller lqr --drive velocity --period 0.02",
+        "--controller mine.json --drive velocity",
+        "--controller hold",
+    ],
+)
+def test_the_same_controller_in_c_is_named_by_the_words_that_were_given(
+    words: str, folder: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    gain = {"D": [[-0.5]], "inputs": ["x"], "outputs": ["x_dot_command"]}
+    (folder / "mine.json").write_text(json.dumps(gain), encoding="utf-8")
+    assert main(["export", "st", "mine.st", *words.split()]) == 0
+    output = capsys.readouterr().out
+    assert output.splitlines()[-1].strip() == f"cranedyn export c mine_c {words}"
+    check_next_commands(output, monkeypatch)
 
 
 @pytest.mark.long
