@@ -336,5 +336,5 @@ def test_a_link_that_swings_is_not_drawn_for_nothing(tmp_path: Path) -> None:
 
 
 def test_a_crane_with_another_drive_is_to_be_locked() -> None:
-    with pytest.raises(ModelError, match=r"has 4 drives: .* Lock the others by locked="):
+    with pytest.raises(ModelError, match=r"has 4 drives: .* Hold the others: locked="):
         HoistChain(load_crane(PORTAL))
