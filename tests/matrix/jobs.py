@@ -215,7 +215,7 @@ def planned_lift(crane: Crane, folder: Path) -> None:
     from cranedyn.lifts.planning.certificate import certify
     from cranedyn.lifts.planning.lift import plan_lift
 
-    lift = plan_lift(_site(crane), usual_limits(converters(crane)), crane=crane)
+    lift = plan_lift(free_site(crane), usual_limits(converters(crane)), crane=crane)
     certificate = certify(lift)
     failed = [check.sentence for check in certificate.checks if not check.holds]
     assert not failed, failed
@@ -227,7 +227,7 @@ def lift_report(crane: Crane, folder: Path) -> None:
     from cranedyn.lifts.judging.judgement import judge
 
     judgement = judge(
-        _site(crane),
+        free_site(crane),
         None,
         Requirements(lifts=0, gusts=0),
         crane=crane,
@@ -289,7 +289,7 @@ def _load_centre(crane: Crane, state: State) -> np.ndarray:
     return data.oMi[crane.payload.body + 1].act(crane.payload.lever)
 
 
-def _site(crane: Crane) -> Site:
+def free_site(crane: Crane) -> Site:
     """Return a free site, on which the load goes from the start to where the first drive has moved
     on by a twentieth of its range.
 
