@@ -79,7 +79,7 @@ def _a2(result: Result) -> Sentences:
     stages = [row["exponent"] for row in result.table("Where the exponent")][:-1]
     ours, stiff, _ = result.table("Hoisting while swinging")
     exponent = f"{ours['exp. hoisting']:.4f}"
-    return [f"exponent {exponent} |"], [
+    return [f"exponent {exponent} (-0.75 in theory) |"], [
         *(f"{_row([stage], '.4f')}|" for stage in stages),
         f"{ours['mean [%]']:+.2f} % here",
         f"({ours['max [%]']:.2f} % here",
@@ -99,7 +99,7 @@ def _a3(result: Result) -> Sentences:
         [row["of amplitude [%]"] for row in rows if row["slew drive"] == drive]
         for drive in ("soft", "stiff")
     )
-    return [f"correlation {correlation} with Eq. (10)"], [
+    return [f"correlation {correlation} with the tangential swing of Eq. (10)"], [
         *(f"{_row(pair, '.2f')}|" for pair in zip(soft, stiff, strict=True)),
         f"| {amplitude}, {correlation}, {rms} |",
     ]

@@ -34,6 +34,7 @@ class Bound(NamedTuple):
         strict: Whether the lower bound itself is excluded.
         words: Message of a violation, without its time. It is a format string with the fields
             value, low and high.
+        margin: How far the value may be beyond the bounds by round-off.
     """
 
     joint: int
@@ -42,12 +43,18 @@ class Bound(NamedTuple):
     high: Any
     strict: bool
     words: str
+    margin: float = 0.0
 
     @property
     def conditions(self) -> list[Any]:
         """Comparisons that must be true."""
-        above = self.value > self.low if self.strict else self.value >= self.low
-        return [above] if self.high is None else [above, self.value <= self.high]
+        # Compiled code compares with a bound itself, not with a sum, where there is no margin.
+        low = self.low - self.margin if self.margin else self.low
+        above = self.value > low if self.strict else self.value >= low
+        if self.high is None:
+            return [above]
+        high = self.high + self.margin if self.margin else self.high
+        return [above, self.value <= high]
 
     @property
     def holds(self) -> np.ndarray:
@@ -57,6 +64,10 @@ class Bound(NamedTuple):
 
 _LIMIT_MARGIN = 1.0 + 1e-9
 """Factor on limits of drives, by which round-off may exceed them."""
+
+_RANGE_MARGIN = 1e-9
+"""How far round-off may carry a joint out of its range [rad or m]: a drive that starts at an end of
+its range and holds there moves by some 1e-33 m."""
 
 
 def bounds(
@@ -156,7 +167,9 @@ def _joint_ranges(
                 f"{joint.name} is at {{value:.6g}} {joint.unit}, its range is {{low:.6g}} to "
                 f"{{high:.6g}} {joint.unit}"
             )
-            yield Bound(i, q[i], limits.lower[i], limits.upper[i], False, message)
+            low = limits.lower[i]
+            high = limits.upper[i]
+            yield Bound(i, q[i], low, high, False, message, margin=_RANGE_MARGIN)
 
 
 class Event(NamedTuple):

@@ -34,6 +34,7 @@ from cranedyn.dynamics.bodies import bodies_of_model
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.dynamics.integrators import semi_implicit_euler
+from cranedyn.errors import DataError
 from cranedyn.export.browser_crane import (
     DT,
     PERIOD,
@@ -58,7 +59,7 @@ from cranedyn.export.target import check_free, name_default_rates, new_file
 from cranedyn.interfaces import Controller
 from cranedyn.lifts.judging.chart import RatedLoads, read_chart
 from cranedyn.lifts.planning.lift import refuse_contradictions
-from cranedyn.lifts.planning.site import Site
+from cranedyn.lifts.planning.site import DescribedCrane, Site
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.planning.solids import Solid
 from cranedyn.model.crane import Crane
@@ -670,16 +671,38 @@ def _chart_of(options: argparse.Namespace, site: Site | None) -> RatedLoads | No
     return read_chart(chart).on(None if site is None else site.falls)
 
 
+def _name_crane_of_site(options: argparse.Namespace, described: DescribedCrane) -> None:
+    """Let the options name the crane that a site describes, as those of the command line would.
+
+    Raises:
+        DataError: If they name a crane, too.
+    """
+    for name in ("urdf", "machine"):
+        if getattr(options, name) is not None:
+            raise DataError(f"The site says which crane it is ([crane]); leave --{name} out.")
+    options.machine = described.machine
+    if described.urdf is not None:
+        options.urdf = str(described.urdf)
+    if described.driven:
+        options.driven = list(described.driven)
+    if described.locked:
+        options.locked = []
+        for name, coordinate in described.locked.items():
+            options.locked.append(name if coordinate is None else f"{name}={coordinate!r}")
+
+
 def run(options: argparse.Namespace) -> Path:
     """Write what the command line describes, and return its path."""
     print("Compiling the crane and planning exercises, up to half a minute ...", file=sys.stderr)
     site = None if options.site is None else read_site(options.site)
+    chart = _chart_of(options, site)
+    if site is not None and site.description is not None:
+        _name_crane_of_site(options, site.description)
     has_arguments = options.urdf is None or Path(options.urdf).suffix == ".xacro"
     if site is not None and has_arguments:
         # Of two values of one argument the last one holds: that of the command line.
         values_of_site = [f"{name}:={value}" for name, value in site.crane.items()]
         options.values = [*values_of_site, *options.values]
-    chart = _chart_of(options, site)
     crane = crane_from_options(options)
     name_default_rates(crane)
     if site is not None:

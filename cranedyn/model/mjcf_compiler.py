@@ -622,7 +622,7 @@ def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, 
     return {
         "name": spec.modelname,
         "gravity": gravity,
-        "bodies": _describe_bodies(model, names),
+        "bodies": _describe_bodies(mujoco, model, names),
         "joints": _describe_joints(mujoco, model, names, start),
         "shapes": shapes,
         "notes": [*notes, *shape_notes],
@@ -630,10 +630,18 @@ def describe_model(mujoco: Any, path: Path, max_joints: int = 128) -> dict[str, 
     }
 
 
-def _describe_bodies(model: Any, names: Names) -> list[dict[str, Any]]:
+def _describe_bodies(mujoco: Any, model: Any, names: Names) -> list[dict[str, Any]]:
     """Return name, parent, placement, mass and inertia of each body, the world first."""
+    same_frame = mujoco.mjtSameFrame
     bodies = []
     for i in range(model.nbody):
+        centre = model.body_ipos[i].tolist()
+        principal_axes = model.body_iquat[i].tolist()
+        # MuJoCo computes as if what is within 1e-6 of the frame of the body were in it.
+        if model.body_sameframe[i] == same_frame.mjSAMEFRAME_BODY:
+            centre = [0.0, 0.0, 0.0]
+        if model.body_sameframe[i] in (same_frame.mjSAMEFRAME_BODY, same_frame.mjSAMEFRAME_BODYROT):
+            principal_axes = [1.0, 0.0, 0.0, 0.0]
         bodies.append(
             {
                 "name": names.body(i),
@@ -641,8 +649,8 @@ def _describe_bodies(model: Any, names: Names) -> list[dict[str, Any]]:
                 "position": model.body_pos[i].tolist(),
                 "quaternion": model.body_quat[i].tolist(),
                 "mass": float(model.body_mass[i]),
-                "centre": model.body_ipos[i].tolist(),
-                "principal_axes": model.body_iquat[i].tolist(),
+                "centre": centre,
+                "principal_axes": principal_axes,
                 "moments": model.body_inertia[i].tolist(),
             }
         )

@@ -17,13 +17,14 @@ from cranedyn.dynamics.bodies import bodies_of_model, heights, point_paths
 from cranedyn.dynamics.equations_of_motion import point_positions
 from cranedyn.dynamics.validity import conditions, events, first_event, valid
 from cranedyn.errors import CraneError, RunError
+from cranedyn.export.usual_controllers import usual_controller
 from cranedyn.interfaces import EngineName, Setpoint, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp
 from cranedyn.references.flat import flat
 from cranedyn.simulation.simulate import simulate
-from tests.helpers import FAST, G, big_crane, constant, crane, locked
+from tests.helpers import FAST, ROOT, G, big_crane, constant, crane, locked
 
 
 def outward(validity: str) -> Trajectory:
@@ -71,6 +72,33 @@ def test_rows_in_which_a_drive_is_faster_than_its_joint_allows_are_not_valid_and
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
     batch = simulate_batch(slow, controller, motion, start=[start] * 2, duration=25.0)
     assert (batch.valid_until == run.t[too_fast.argmax()]).all()
+
+
+def test_a_joint_may_leave_its_range_by_round_off_and_by_no_more() -> None:
+    """A nanometre is far above the round-off of a coordinate, and far below what matters."""
+    one = crane()
+    x = one.layout.index("x")
+    start = one.state(x=10.0)
+    held = np.array([0.0, 0.0, -one.payload_mass * G])
+    for end, outward_sign in ((one.lower[x], -1.0), (one.upper[x], 1.0)):
+        rows = np.tile(start.q, (3, 1))
+        rows[:, x] = end + outward_sign * np.array([0.0, 1e-12, 1e-8])
+        hoist = np.full(3, held[2])
+        within = valid(conditions(one, rows, np.zeros_like(rows), hoist))
+        assert within.tolist() == [True, True, False]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("engine", ["pinocchio", FAST])
+def test_a_drive_that_holds_at_the_end_of_its_range_ends_no_run(engine: EngineName) -> None:
+    """Behind an observer the travel of the portal crane creeps by 2e-33 m."""
+    portal = load_crane(ROOT / "examples" / "portal_crane.urdf")
+    travel = portal.layout.index("travel")
+    assert portal.start.q[travel] == portal.lower[travel]
+    controller, _ = usual_controller("observer", portal, 5e-3)
+    run = simulate(portal, controller, duration=0.1, engine=engine)
+    assert run.valid.all()
+    assert (run.q[:, travel] < portal.lower[travel]).any()
 
 
 @pytest.mark.slow

@@ -43,7 +43,7 @@ from cranedyn.model.description import XACRO, describe
 from cranedyn.model.load import load_crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.simple import hold
-from tests.helpers import HOSTILE_NAMES
+from tests.helpers import HOSTILE_NAMES, ROOT
 from tests.portal import portal_crane
 
 NODE = shutil.which("node")
@@ -828,6 +828,39 @@ def test_the_page_that_one_drives_stays_alone_below_out(
     assert [file for file in tmp_path.rglob("*") if file.is_file()] == [
         tmp_path / "out/drive/crane.html"
     ]
+
+
+@pytest.mark.parametrize(
+    ("site", "drives"),
+    [
+        (ROOT / "examples/cranes/gantry.toml", ["gantry", "crab", "rope"]),
+        (ROOT / "examples/portal_crane.toml", ["slew", "luff", "l"]),
+    ],
+    ids=lambda value: value.stem if isinstance(value, Path) else "",
+)
+def test_the_crane_that_a_site_describes_is_the_one_that_is_driven(
+    site: Path,
+    drives: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    """With its file, its driven and its locked joints, and none other beside it."""
+    cranes: list[Crane] = []
+
+    def page_data(crane: Crane, *_: object) -> dict[str, Any]:
+        cranes.append(crane)
+        return {}
+
+    monkeypatch.setattr(driving_page, "page_data", page_data)
+    words = ["export", "page", str(tmp_path / "crane.html"), "--site", str(site)]
+    assert main(words) == 0
+    (driven,) = cranes
+    assert [joint.symbol for joint in driven.layout.driven] == drives
+    assert f"--urdf {site.with_suffix('.urdf')}" in capsys.readouterr().out
+    words[2] = str(tmp_path / "other.html")
+    assert main([*words, "--machine", "inteco_3dcrane"]) == 2
+    assert "leave --machine out" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(

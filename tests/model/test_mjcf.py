@@ -57,6 +57,20 @@ def test_a_random_model_is_what_mujoco_compiles(tmp_path: Path, seed: int) -> No
     assert compare_motion(crane, tmp_path)
 
 
+def test_a_centre_of_mass_that_mujoco_takes_for_the_origin_of_its_body_is_taken_so_too(
+    tmp_path: Path,
+) -> None:
+    """A hook of a gram above a load of 900 kg moves the centre by 0.6 µm, which MuJoCo's
+    accelerations leave out; the two must not be compared as if it did not.
+    """
+    hook = '<geom name="hook" type="box" pos="0 0 .55" size=".1 .1 .15" mass=".001"/>'
+    load = '<geom name="load" type="box" size=".4 .4 .4" mass="900"/>'
+    joint = '<joint name="rope" type="slide" axis="0 0 -1" range="1 5"/>'
+    body = f'<body name="slung">{joint}{hook}{load}</body>'
+    crane = loaded(tmp_path, cart(below=body))
+    compare(crane, tmp_path, seed=1)
+
+
 @pytest.mark.long
 def test_60_random_models_are_what_mujoco_compiles(tmp_path: Path) -> None:
     counts = compare_random_models(60, tmp_path)

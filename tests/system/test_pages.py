@@ -28,6 +28,7 @@ ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 """Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
 LONG = {
     *("control.md", "design_to_plc.md", "drive.md", "drives.md", "first_lift.md"),
+    "foreign_cranes.md",
     *("judge_lift.md", "lift_from_ground.md", "other_cranes_lift.md", "own_design.md"),
     *("planning.md", "several_cranes.md"),
 }

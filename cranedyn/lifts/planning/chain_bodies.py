@@ -15,19 +15,16 @@ import pinocchio as pin
 
 from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.crane_bodies import (
-    BoundingBox,
     DrawnShape,
     HangingBodies,
     box_around,
     corners_of,
     drawn_payload,
     hook_turn,
+    small_hook,
 )
 from cranedyn.lifts.planning.site import HANGING
 from cranedyn.model.crane import Crane
-
-ROPE_RADIUS = 0.1
-"""Radius of a rope whose hook is not drawn [m]: that of a usual hook block of a few tonnes."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,8 +49,8 @@ class ChainBodies(HangingBodies):
         links: Links that drives move, by the index of the joint that carries them. A link that
             shows nothing is none of them.
         undrawn: Names of the links that show nothing, of which nothing is compared.
-        hook_drawn: Whether the URDF draws a hook above the load; if not, the hook is a box of
-            `ROPE_RADIUS`, and the rope is as wide.
+        hook_drawn: Whether the URDF draws a hook above the load; if not, the hook is a
+            cube with sides of twice `ROPE_RADIUS`, and the rope is as wide.
     """
 
     standing: list[np.ndarray]
@@ -84,11 +81,11 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
             "The URDF of the crane shows no shapes of its load; enter its size, such as [load] "
             "size, or draw it with boxes, cylinders or spheres."
         )
-    hook = _small_hook(load)
+    hook = small_hook(load)
     hook_drawn = False
     corners = None if load is None else load @ turn  # rows are turned into the joint's frame
     if carried:
-        drawn = drawn_payload(carried, needs_hook=False)
+        drawn = drawn_payload(carried)
         corners = drawn.load if corners is None else corners
         if drawn.hook:
             rise = 0.0 if load is None else float(load[:, 2].max()) - drawn.top
@@ -100,7 +97,7 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
             hook = box_around(drawn.load + np.array([0.0, 0.0, rise]))
             hook_drawn = True
         else:
-            hook = _small_hook(corners)
+            hook = small_hook(corners)
     assert corners is not None
     links = {}
     names = _link_names(crane)
@@ -119,13 +116,6 @@ def chain_bodies(crane: Crane, load: np.ndarray | None = None) -> ChainBodies:
         undrawn=_undrawn(crane, shapes, names),
         hook_drawn=hook_drawn,
     )
-
-
-def _small_hook(load: np.ndarray | None) -> BoundingBox:
-    """Return the box that stands for a hook that is not drawn, on top of a load."""
-    top = 0.0 if load is None else float(load[:, 2].max())
-    side = 2.0 * ROPE_RADIUS
-    return BoundingBox(np.array([0.0, 0.0, top + ROPE_RADIUS]), np.array([side, side, side]))
 
 
 def _undrawn(

@@ -35,6 +35,9 @@ _ROTATION_TOLERANCE = 1e-5
 """Largest entry of the difference of two rotation matrices that count as one: a right angle that a
 URDF rounds to 1.5708 is off by 4e-6."""
 
+ROPE_RADIUS = 0.1
+"""Radius of a rope whose hook is not drawn [m]: that of a usual hook block of a few tonnes."""
+
 
 class DrawnShape(NamedTuple):
     """A shape of a URDF.
@@ -159,7 +162,8 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     """Return the bodies of a crane from the boxes, cylinders and spheres in its URDF.
 
     Of the link at the hook, shapes whose middle is above the largest shape are the hook; all others
-    are the load, and several of them count as the box around them.
+    are the load, and several of them count as the box around them. Where no hook is drawn, a cube
+    with sides of twice `ROPE_RADIUS` stands for it.
 
     Args:
         crane: The crane.
@@ -202,13 +206,19 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
         carried = load @ turn  # rows are turned back into the frame of the joint
         # The hook is as far above the load that is carried as it is drawn above the largest shape.
         hook_rise = float(load[:, 2].max()) - drawn.top
+    if drawn.hook:
+        hook = box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise]))
+        falls = float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0
+    else:
+        hook = small_hook(carried)
+        falls = ROPE_RADIUS
     return CollisionBodies(
         mast=_mast(groups["mast"]),
         upper=groups["upper structure"],
         trolley=box_around(np.concatenate([corners_of(shape) for shape in groups["trolley"]])),
-        hook=box_around(np.concatenate(drawn.hook) + np.array([0.0, 0.0, hook_rise])),
+        hook=hook,
         load=carried,
-        falls=float(np.ptp(drawn.block[:, :2], axis=0).max()) / 2.0,
+        falls=falls,
         hook_turn=turn,
     )
 
@@ -220,7 +230,8 @@ class DrawnPayload(NamedTuple):
     Attributes:
         load: Corners of the load.
         top: Height of the top of its largest shape [m].
-        hook: Corners of each shape of the hook with its block and slings.
+        hook: Corners of each shape of the hook with its block and slings; none where no hook is
+            drawn.
         block: The highest of them, from which the falls of the rope go up; the load where there is
             no hook.
     """
@@ -231,12 +242,8 @@ class DrawnPayload(NamedTuple):
     block: np.ndarray
 
 
-def drawn_payload(shapes: list[DrawnShape], *, needs_hook: bool = True) -> DrawnPayload:
-    """Tell load and hook apart among the shapes of a link.
-
-    Raises:
-        ModelError: If there is no shape above the load, and one is needed.
-    """
+def drawn_payload(shapes: list[DrawnShape]) -> DrawnPayload:
+    """Tell load and hook apart among the shapes of a link."""
 
     def volume(points: np.ndarray) -> float:
         return float(np.prod(np.ptp(points, axis=0)))
@@ -248,14 +255,16 @@ def drawn_payload(shapes: list[DrawnShape], *, needs_hook: bool = True) -> Drawn
     top = highest(max(corners, key=volume))
     hook = [points for points in corners if points[:, 2].mean() > top]
     load = [points for points in corners if not points[:, 2].mean() > top]
-    if not hook and needs_hook:
-        raise ModelError(
-            "The URDF of the crane shows no hook above its load, so that the width of the rope is "
-            "not known."
-        )
     if len(load) > 1:
         load = [box_around(np.concatenate(load)).corners]
     return DrawnPayload(load[0], top, hook, max(hook, key=highest, default=load[0]))
+
+
+def small_hook(load: np.ndarray | None) -> BoundingBox:
+    """Return the box that stands for a hook that is not drawn, on top of a load."""
+    top = 0.0 if load is None else float(load[:, 2].max())
+    side = 2.0 * ROPE_RADIUS
+    return BoundingBox(np.array([0.0, 0.0, top + ROPE_RADIUS]), np.array([side, side, side]))
 
 
 def hook_turn(crane: Crane) -> np.ndarray:

@@ -374,14 +374,16 @@ def _refuse_no_chain(crane: Crane) -> None:
         raise ModelError(f"{needed}. The joints of this crane branch: {', '.join(names)}.")
     if layout.m != _DRIVES:
         drives = ", ".join(layout.joints[i].name for i in layout.drives)
-        advice = " Lock the others by locked=[...], or --locked." if layout.m > _DRIVES else ""
+        advice = ""
+        if layout.m > _DRIVES:
+            advice = " Hold the others: locked=[...], --locked, or locked in [crane] of a site."
         raise ModelError(f"{needed}. This crane has {layout.m} drives: {drives}.{advice}")
     expected = [*layout.drives[:2].tolist(), *crane.swings.tolist(), int(layout.drives[2])]
     if crane.winch != _DRIVES - 1 or len(crane.swings) != 2 or expected != list(range(layout.n)):
         raise ModelError(
             f"{needed}. This crane has {', '.join(names)}; of these {_listed(crane, crane.swings)} "
-            "swing. Plan it on the crane without a rope that stretches, a hook with a sling below "
-            "it, or a mast that bends."
+            "swing. Plan it on the crane without a rope that stretches, a load on two falls, a "
+            "hook with a sling below it, or a mast that bends."
         )
     if not crane.rest.hangs:
         raise ModelError(f"{needed}. The load of this crane does not hang at rest.")

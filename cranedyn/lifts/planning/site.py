@@ -131,6 +131,13 @@ class DescribedCrane:
             return read_machine(self.machine).urdf is None
         return self.kind == "tower"
 
+    @property
+    def urdf(self) -> Path | None:
+        """The file that describes it; None for the tower crane, and for a machine."""
+        if self.kind in (None, "tower"):
+            return self.file
+        return XACRO.parent / f"{self.kind}_crane.urdf.xacro"
+
     def load(self, values: Mapping[str, object], gravity: float | None = None) -> Crane:
         """Load the crane.
 
@@ -141,11 +148,8 @@ class DescribedCrane:
         Raises:
             CraneError: As `cranedyn.model.load.load_crane`.
         """
-        urdf: Path | None = self.file
-        if self.kind not in (None, "tower"):  # the tower crane is what is loaded without a file
-            urdf = XACRO.parent / f"{self.kind}_crane.urdf.xacro"
         return load_crane(
-            urdf,
+            self.urdf,
             machine=self.machine,
             gravity=gravity,
             driven=self.driven or None,

@@ -443,5 +443,5 @@ def test_a_hook_does_not_enter_what_hangs_from_the_link_above_it(tmp_path: Path)
 
 
 def test_a_crane_with_another_drive_is_to_be_locked() -> None:
-    with pytest.raises(ModelError, match=r"has 4 drives: .* Lock the others by locked="):
+    with pytest.raises(ModelError, match=r"has 4 drives: .* Hold the others: locked="):
         HoistChain(load_crane(PORTAL))

@@ -26,7 +26,7 @@ from cranedyn.lifts.planning.solids import body, box, hull, prism
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
-from tests.helpers import pickled
+from tests.helpers import ROOT, pickled
 from tests.lifts.planning.sites import HEIGHT, WALL, clearance, corners, crane, load_corners, site
 
 PLACES = st.tuples(st.floats(-3.0, 3.0), st.floats(4.0, 22.0), st.floats(4.0, 25.0)).map(np.array)
@@ -74,6 +74,21 @@ def test_a_place_is_where_pinocchio_has_the_load_in_any_frame_of_a_site() -> Non
     centre = load_corners(asked, asked.q(place)).mean(axis=0)
     np.testing.assert_allclose(asked.site.to_site(centre), point, atol=1e-9)
     np.testing.assert_allclose(asked.site.to_site(asked.point(place)), point, atol=1e-9)
+
+
+def test_a_cube_of_20_centimetres_stands_for_a_hook_that_a_tower_crane_does_not_draw() -> None:
+    """The wall crane, which has the joints of a tower crane, draws its load as a cube of 0.6 m and
+    nothing above it.
+    """
+    drives = ["bracket", "carriage", "winch"]
+    wall = load_crane(ROOT / "examples" / "wall_crane.urdf", driven=drives)
+    asked = clearance_of(wall, site(WALL, load=None))
+    assert isinstance(asked, TowerClearance)
+    assert asked.bodies.falls == 0.1
+    assert_allclose(asked.bodies.hook.size, [0.2, 0.2, 0.2])
+    assert_allclose(asked.bodies.hook.centre, [0.0, 0.0, 0.4], atol=1e-12)
+    taller = clearance_of(wall, site(WALL, load=corners(1.0, 1.0, 2.0)))
+    assert_allclose(taller.bodies.hook.centre, [0.0, 0.0, 1.1], atol=1e-12)
 
 
 def test_the_broad_phase_gives_the_distances_of_brute_force_for_inflated_bodies() -> None:
