@@ -44,6 +44,9 @@ SITES = Path(__file__).parent / "examples"
 EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 """Names of the example sites."""
 
+SHIFT_EXAMPLES = ("two_towers_shift",)
+"""Names of the example sites that list lifts."""
+
 _FIELDS = (
     "name",
     "position",
@@ -87,7 +90,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, EXAMPLES, "site")
+    path = example_path(path, SITES, (*EXAMPLES, *SHIFT_EXAMPLES), "site")
     fields = ["ground", "distance", "swing", "wind", "hooking", "crane", "lift", *SOLIDS]
     top, lines = read_fields(path, fields)
     ground = top.number("ground", 0.0)

@@ -50,7 +50,7 @@ def site_html(run: SiteRun, shift: ShiftPlan | None = None) -> str:
     """
     kind = "under the supervisor" if run.boxes else "without a supervisor"
     lost = lost_time(run)
-    checks = run_checks(run)
+    checks = site_run_checks(run)
     tables = _tables(run, lost)
     figures = []
     if shift is not None:
@@ -85,7 +85,7 @@ def lost_time(run: SiteRun) -> list[np.ndarray]:
     return lost
 
 
-def run_checks(run: SiteRun) -> list[Check]:
+def site_run_checks(run: SiteRun) -> list[Check]:
     """Return what is judged of a run, a sentence each."""
     site = run.site
     violation = run.violation
