@@ -5,7 +5,7 @@ from __future__ import annotations
 from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.shift_checks import shift_checks
 from cranedyn.lifts.sites.shift_plan import ShiftPlan, plan_shift
-from cranedyn.lifts.sites.site_page import site_run_checks, site_html
+from cranedyn.lifts.sites.site_page import site_html, site_run_checks
 from cranedyn.lifts.sites.site_simulation import simulate_site
 from cranedyn.lifts.sites.timetable import clock_time, timetable, timetable_chart, timetable_csv
 from experiments.harness import Outcome, ResultTable, make_table

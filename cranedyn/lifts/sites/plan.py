@@ -69,6 +69,11 @@ makes way."""
 _RAISED_CABLE = 1.0
 """Cable length of a raised load beyond the shortest [m]."""
 
+# A load that travels as far as it can be raised loses the time for which its hoist runs; half way
+# up, or part of the way, is often enough to pass a jib, a rope or a load on the ground.
+_ARCH_RISES = (0.3, 1.0)
+"""How far a load is raised half way along an arch, over how far it can be raised."""
+
 _REFUGE_COUNT = 300
 """Random positions among which a crane looks for a refuge, where it is clear of another's path."""
 
@@ -787,6 +792,7 @@ class Schedule:
     Attributes:
         site: The site.
         stay: Time for which a load stays at its goal [s].
+        arched: Whether loads may also travel along arches.
         lifts: All motions that are planned.
         boxes: Box of each crane in each slice, shape (slices, 2, m) each. The last is for ever.
         positions: Where the drives of each crane stand after their last motion.
@@ -797,11 +803,18 @@ class Schedule:
             all; None if it waits for nothing.
     """
 
-    def __init__(self, site: CraneSite, stay: float = 0.0) -> None:
-        """Start with all cranes at rest at their starts."""
+    def __init__(self, site: CraneSite, stay: float = 0.0, *, arched: bool = False) -> None:
+        """Start with all cranes at rest at their starts.
+
+        Args:
+            site: The site.
+            stay: Time for which a load stays at its goal [s].
+            arched: Whether loads may also travel along arches, raised and lowered on the way.
+        """
         starts = [x.crane.start.q[x.crane.layout.drives] for x in site.stations]
         self.site = site
         self.stay = stay
+        self.arched = arched
         self.lifts: list[ScheduledLift] = []
         self.boxes: list[np.ndarray] = []
         for station, start in zip(site.stations, starts, strict=True):
@@ -870,7 +883,7 @@ class Schedule:
         """
         passable = []
         mass = self.masses[crane]
-        for path in _candidate_paths(self.site, crane, self.positions[crane], ends, mass):
+        for path in self._paths(crane, ends):
             boxes = _boxes_along(self.site, crane, path, mass)
             if boxes and all(self.others_can_stand_clear(crane, of_leg) for of_leg in boxes):
                 passable.append((path, boxes))
@@ -898,6 +911,16 @@ class Schedule:
             if not self._move(crane, [points[-1]], ended, earliest if is_last else 0.0):
                 return False
         return True
+
+    def _paths(self, crane: int, ends: list[_Position]) -> list[_Path]:
+        """Return the paths on which a crane may get to one of some ends."""
+        begin = self.positions[crane]
+        paths = _candidate_paths(self.site, crane, begin, ends, self.masses[crane])
+        if self.arched:
+            station = self.site.stations[crane]
+            for end in ends:
+                paths += _arches(station, begin, end)
+        return paths
 
     def others_can_stand_clear(self, crane: int, boxes: np.ndarray) -> bool:
         """Return whether each other crane has a position clear of boxes of a crane, shape (k, 2,
@@ -977,8 +1000,7 @@ class Schedule:
         Raises:
             CraneError: If all paths are refused whatever others do; the error of the first one.
         """
-        mass = self.masses[crane]
-        paths = _candidate_paths(self.site, crane, self.positions[crane], ends, mass)
+        paths = self._paths(crane, ends)
         refusals: list[CraneError] = []
         conflicts: list[Conflict] = []
         first_there: _PlacedPath | None = None
@@ -1152,6 +1174,22 @@ def _candidate_paths(
                 paths.append([around])
                 around_with_stops: _Path = list(itertools.pairwise(around))
                 paths.append(around_with_stops)
+    return paths
+
+
+def _arches(station: Station, begin: _Position, end: _Position) -> list[_Path]:
+    """Return paths between two positions on which the load is raised over the first half of the
+    way and lowered over the second, while all other drives go on.
+    """
+    winch = station.crane.winch
+    shorter = min(begin[winch], end[winch])
+    paths: list[_Path] = []
+    for rise in _ARCH_RISES:
+        middle = (np.array(begin) + np.array(end)) / 2.0
+        middle[winch] = shorter
+        raised = _raised(station, tuple(middle.tolist()))[winch]
+        middle[winch] = shorter + rise * (raised - shorter)
+        paths.append([(begin, tuple(middle.tolist()), end)])
     return paths
 
 

@@ -150,7 +150,7 @@ class _ShiftPlanner:
     def __init__(self, site: CraneSite) -> None:
         """Begin without any motion, all cranes with empty hooks."""
         self.site = site
-        self.schedule = Schedule(site, site.hooking_time)
+        self.schedule = Schedule(site, site.hooking_time, arched=True)
         self.schedule.masses = [0.0] * len(site.stations)
         self.remaining = list(site.lifts)
         self.planned: list[PlannedLift] = []

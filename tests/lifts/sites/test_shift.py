@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,11 +12,15 @@ import pytest
 
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from cranedyn.lifts.planning.lift import NoWay
+from cranedyn.lifts.sites import plan
+from cranedyn.lifts.sites.conflicts import nearest_bodies
 from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.crane_site_file import SITES, read_crane_site
 from cranedyn.lifts.sites.lift_list import HOOKING_TIME, ListedLift
 from cranedyn.lifts.sites.plan import plan_site
+from cranedyn.lifts.sites.shift_checks import shift_checks
 from cranedyn.lifts.sites.shift_plan import ShiftPlan, plan_shift
+from cranedyn.lifts.sites.site_simulation import simulate_site
 from cranedyn.lifts.sites.working_wind import WorkingWind
 
 slow = pytest.mark.slow
@@ -204,3 +209,78 @@ def test_a_load_is_compared_with_the_chart_where_it_hangs_and_an_empty_hook_is_n
 def test_a_lift_with_a_point_that_is_no_point_is_refused() -> None:
     with pytest.raises(CraneError, match="start of the lift a"):
         lift_of("a", start=np.array([0.0, np.nan, 1.0]))
+
+
+@slow
+def test_a_shift_whose_loads_miss_their_places_or_whose_plan_is_disturbed_fails() -> None:
+    site = read_crane_site("two_towers_shift")
+    shift = plan_shift(site)
+    run = simulate_site(site, shift.plan.operators(), duration=shift.duration + 1.0)
+    assert all(check.holds is not False for check in shift_checks(shift, run))
+
+    # Nobody follows the plan: no load arrives.
+    at_rest = simulate_site(site, [lambda t, states: np.zeros(3)] * 2, duration=shift.duration)
+    assert not shift_checks(shift, at_rest)[-1].holds
+
+    # The run ends before the last load is unhooked.
+    early = simulate_site(site, shift.plan.operators(), duration=shift.duration - 5.0)
+    assert not shift_checks(shift, early)[-1].holds
+
+    # The lift for which the southern crane waited begins without that wait.
+    (waiting,) = [planned for planned in shift.lifts if planned.waited]
+    motions = []
+    for motion in shift.plan.lifts:
+        is_early = motion.crane == 1 and motion.begin >= waiting.begin
+        motions.append(motion._replace(begin=motion.begin - 40.0 * is_early))
+    disturbed = replace(shift, plan=replace(shift.plan, lifts=tuple(motions)))
+    words = "The plan is proven to keep"
+    (proof,) = [x for x in shift_checks(disturbed, run) if x.sentence.startswith(words)]
+    assert not proof.holds
+
+
+@slow
+def test_a_crane_that_waits_says_which_bodies_would_meet_and_where() -> None:
+    """Both jibs cross over the same place; the words name bodies of both cranes beside it."""
+    shift = plan_shift(read_crane_site("two_towers_shift"))
+    (waiting,) = [planned for planned in shift.lifts if planned.waited]
+    other = {"north": "south", "south": "north"}[waiting.crane]
+    assert f" of {waiting.crane} would come too near to the " in waiting.waits_for
+    assert f" of {other} at [" in waiting.waits_for
+    x, y, z = (float(word) for word in re.findall(r"-?\d+", waiting.waits_for)[-3:])
+    assert -60.0 < y < 5.0 and abs(x) < 40.0 and 0.0 < z < 60.0
+
+
+@slow
+def test_the_nearest_bodies_of_two_cranes_are_those_that_touch_in_a_simulation() -> None:
+    """The contact that a run counts, against the bodies that a conflict names for its boxes."""
+    rates = ([0.05, 0.0, 0.3], [-0.05, 0.0, 0.0])
+    operators = [lambda t, states, rate=rate: np.array(rate) for rate in rates]
+    run = simulate_site(towers(), operators, duration=75.0, supervised=False)
+    contact = run.contacts[0]
+    row = round(contact.t / 0.1)
+    boxes = []
+    for station, trajectory in zip(towers().stations, run.trajectories, strict=True):
+        position = trajectory.q[row, station.crane.layout.drives]
+        boxes.append(np.array([position, position]))
+    bodies = nearest_bodies(towers(), 0, boxes[0], 1, boxes[1])
+    assert (bodies.first_body, bodies.second_body) == (contact.first_body, contact.second_body)
+    # They touch where the rope hangs, seen from above; the middle between both axes is beside it by
+    # no more than the radius of the jib, and the points of an axis of 50 m are 2.5 m apart.
+    pivot = towers().stations[1].rope(run.trajectories[1].q[row : row + 1]).pivot[0]
+    jib = towers().stations[0].bodies
+    radius = max(r for r, name in zip(jib.radius, jib.names, strict=True) if name == "jib")
+    assert np.linalg.norm(bodies.place[:2] - pivot[:2]) < radius + 1.25
+
+
+def test_an_arch_raises_the_load_half_way_by_its_share_of_what_the_hoist_can() -> None:
+    """By hand: cables of 30 m and 24 m, the shortest 1 m above the end of the range."""
+    station = towers().stations[0]
+    shortest = station.ranges[0][station.crane.winch] + 1.0
+    begin = (0.0, 20.0, 30.0)
+    end = (1.0, 40.0, 24.0)
+    cables = []
+    for ((first, middle, last),) in plan._arches(station, begin, end):
+        assert (first, last) == (begin, end)
+        assert middle[:2] == (0.5, 30.0)
+        cables.append(middle[2])
+    assert cables == pytest.approx([24.0 - 0.3 * (24.0 - shortest), shortest])
