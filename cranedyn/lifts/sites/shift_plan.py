@@ -9,14 +9,17 @@ A lift of the list is two lifts of `cranedyn.lifts.sites.plan`: with an empty ho
 with the load to its goal. Both are planned together, so that no crane is left with a load on its
 hook that it cannot set down.
 
-Which lift is planned next is one rule: the one that can begin first, and of those that can begin at
-once the first one of the list. A lift can begin as soon as its crane is ready, its earliest time
-has come, and the loads for which it waits are unhooked. Where the planner chooses the crane, each
-crane is tried, and the one that is done first gets the lift.
+Which lift is planned next is one rule. A lift can begin as soon as its crane is ready, its earliest
+time has come, and the loads for which it waits are unhooked. All lifts that can begin within
+`_TIME_BEFORE_MAKING_WAY` of the first one are tried, each past all that is planned already. Next is
+the one for which least time is lost: by which it can begin later than the first one, and for which
+its crane stands because of others. Of equal ones, next is the one that is done first. Where the
+planner chooses the crane, each crane is tried, and the one that is done first gets the lift.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -137,6 +140,18 @@ class _Trial:
     state: ScheduleState
 
 
+class _NoCrane(NoWay):
+    """A lift that no crane can carry out, whatever the others do.
+
+    Attributes:
+        lift: The lift.
+    """
+
+    def __init__(self, lift: ListedLift, sentence: str) -> None:
+        super().__init__(sentence)
+        self.lift = lift
+
+
 class _ShiftPlanner:
     """A schedule that grows by a lift at a time.
 
@@ -159,7 +174,7 @@ class _ShiftPlanner:
         self._refused: set[str] = set()
 
     def plan_next(self) -> None:
-        """Plan the lift that can begin first, or refuse a lift."""
+        """Plan one lift, or refuse one."""
         for lift in self.remaining:
             refused = [name for name in lift.after if name in self._refused]
             if refused:
@@ -169,32 +184,72 @@ class _ShiftPlanner:
         possible = [lift for lift in self.remaining if set(lift.after) <= self._ends.keys()]
         # Of lifts that can begin at once the first of the list comes first: sorting is stable.
         possible.sort(key=self._earliest_begin)
-        latest = self._earliest_begin(possible[0]) + _TIME_BEFORE_MAKING_WAY
+        first_begin = self._earliest_begin(possible[0])
+        latest = first_begin + _TIME_BEFORE_MAKING_WAY
         soon = [lift for lift in possible if self._earliest_begin(lift) <= latest]
         later = possible[len(soon) :]
-        trials = [(lift, False) for lift in soon]
-        trials += [(lift, True) for lift in soon]
-        trials += [(lift, False) for lift in later]
-
-        first_conflict = ""
-        for lift, cleared in trials:
-            try:
-                best = self._best_trial(lift, cleared=cleared)
-            except CraneError as error:
-                self._refuse(lift, str(error))
-                return
-            if best is not None:
-                self._accept(lift, best)
-                return
-            if lift is possible[0] and self.schedule.conflict is not None:
-                first_conflict = self.schedule.conflict.words(self.site)
+        try:
+            next_trial = self._least_lost(soon, first_begin)
+            conflict = self.schedule.conflict
+            if next_trial is None:
+                next_trial = self._first_possible(soon, cleared=True)
+            if next_trial is None:
+                next_trial = self._first_possible(later, cleared=False)
+        except _NoCrane as error:
+            self._refuse(error.lift, str(error))
+            return
+        if next_trial is not None:
+            self._accept(next_trial)
+            return
         reason = "no crane can pass the others, and nothing brings them out of its way"
-        self._refuse(
-            possible[0], f"{reason}: {first_conflict}." if first_conflict else f"{reason}."
-        )
+        if conflict is not None:
+            reason += f": {conflict.words(self.site)}"
+        self._refuse(possible[0], f"{reason}.")
 
-    def _accept(self, lift: ListedLift, trial: _Trial) -> None:
+    def _least_lost(self, lifts: Sequence[ListedLift], first_begin: float) -> _Trial | None:
+        """Return the lift for which least time is lost; None if none has a path past the others.
+        If none has, the conflict of the schedule is that of the first lift.
+
+        Args:
+            lifts: The lifts, in the order in which they can begin.
+            first_begin: Time from which on the first one can begin [s].
+
+        Raises:
+            _NoCrane: If no crane can carry out one of them, whatever the others do.
+        """
+        best: _Trial | None = None
+        least = (math.inf, math.inf)
+        for lift in reversed(lifts):
+            trial = self._best_trial(lift, cleared=False)
+            if trial is None:
+                continue
+            begins_later = self._earliest_begin(lift) - first_begin
+            lost = begins_later + trial.planned.waited
+            # Of equal ones the first of the list is taken, which is tried last.
+            if (lost, trial.planned.end) <= least:
+                least = (lost, trial.planned.end)
+                best = trial
+        return best
+
+    def _first_possible(self, lifts: Sequence[ListedLift], *, cleared: bool) -> _Trial | None:
+        """Return the first lift that has a path; None if none has.
+
+        Args:
+            lifts: The lifts.
+            cleared: Whether other cranes make way.
+
+        Raises:
+            _NoCrane: If no crane can carry out one of them, whatever the others do.
+        """
+        for lift in lifts:
+            trial = self._best_trial(lift, cleared=cleared)
+            if trial is not None:
+                return trial
+        return None
+
+    def _accept(self, trial: _Trial) -> None:
         """Keep a lift as it was tried."""
+        lift = trial.planned.lift
         self.schedule.restore(trial.state)
         self.planned.append(trial.planned)
         self.remaining.remove(lift)
@@ -228,7 +283,7 @@ class _ShiftPlanner:
             cleared: Whether other cranes make way.
 
         Raises:
-            NoWay: If no crane can carry it out, whatever the others do; with the reason of each.
+            _NoCrane: If no crane can carry it out, whatever the others do; with the reason of each.
         """
         best: _Trial | None = None
         refusals = []
@@ -244,7 +299,7 @@ class _ShiftPlanner:
             if trial is not None and (best is None or trial.planned.end < best.planned.end):
                 best = trial
         if len(refusals) == len(cranes):
-            raise NoWay(" ".join(refusals))
+            raise _NoCrane(lift, " ".join(refusals))
         return best
 
     def _trial(self, lift: ListedLift, crane: int, *, cleared: bool) -> _Trial | None:

@@ -127,6 +127,15 @@ def test_of_two_lifts_the_one_that_can_begin_first_comes_first_whatever_their_or
 
 
 @slow
+def test_of_two_lifts_that_can_begin_at_once_the_shorter_one_comes_first() -> None:
+    far = lift_of("far", "north", goal=np.array([25.0, -15.0, 12.0]))
+    lifts = [far, lift_of("near", "north")]
+    alone = [plan_shift(towers(), [lift]).duration for lift in lifts]
+    assert alone[1] < alone[0]
+    assert [x.lift.name for x in plan_shift(towers(), lifts).lifts] == ["near", "far"]
+
+
+@slow
 def test_a_load_is_hooked_on_only_after_the_loads_it_waits_for_are_unhooked() -> None:
     far = np.array([30.0, -65.0, 3.0])
     lifts = [
