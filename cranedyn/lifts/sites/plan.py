@@ -1182,13 +1182,14 @@ def _arches(station: Station, begin: _Position, end: _Position) -> list[_Path]:
     way and lowered over the second, while all other drives go on.
     """
     winch = station.crane.winch
-    shorter = min(begin[winch], end[winch])
+    ends = np.array([begin, end])
+    shorter = float(ends[:, winch].min())
     paths: list[_Path] = []
     for rise in _ARCH_RISES:
-        middle = (np.array(begin) + np.array(end)) / 2.0
+        middle = ends.mean(axis=0)
         middle[winch] = shorter
-        raised = _raised(station, tuple(middle.tolist()))[winch]
-        middle[winch] = shorter + rise * (raised - shorter)
+        raised = np.array(_raised(station, tuple(middle.tolist())))
+        middle[winch] = shorter + rise * (float(raised[winch]) - shorter)
         paths.append([(begin, tuple(middle.tolist()), end)])
     return paths
 
