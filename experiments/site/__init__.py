@@ -64,7 +64,7 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if listed and len(sites) > 1:
         raise DataError(f"{listed[0]} lists lifts, which are planned alone; give no other --site.")
     if listed:
-        return shift_outcome(sites[0])
+        return shift_outcome(sites[0], setup)
 
     searches = math.ceil(options.minutes / MAX_SEARCH_TIME)
     update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))

@@ -8,15 +8,15 @@ from cranedyn.lifts.sites.shift_plan import ShiftPlan, plan_shift
 from cranedyn.lifts.sites.site_page import site_html, site_run_checks
 from cranedyn.lifts.sites.site_simulation import simulate_site
 from cranedyn.lifts.sites.timetable import clock_time, timetable, timetable_chart, timetable_csv
-from experiments.harness import Outcome, ResultTable, make_table
+from experiments.harness import Outcome, ResultTable, Setup, make_table
 
 _TIME_AFTER_LAST_LIFT = 5.0
 """Simulated time after the last load is unhooked [s]."""
 
 
-def shift_outcome(site: CraneSite) -> Outcome:
+def shift_outcome(site: CraneSite, setup: Setup) -> Outcome:
     """Plan the lifts of a site, let its cranes follow the plan, and return what came of it."""
-    shift = plan_shift(site)
+    shift = plan_shift(site, progress=setup.reporter.count("lifts", len(site.lifts)))
     tables = [_timetable(shift), _summary(shift)]
     if not shift.lifts:
         return Outcome(tables=tables, claims=shift_checks(shift, None))

@@ -20,7 +20,7 @@ planner chooses the crane, each crane is tried, and the one that is done first g
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -97,7 +97,11 @@ class ShiftPlan:
 
 
 def plan_shift(
-    site: CraneSite, lifts: Sequence[ListedLift] | None = None, *, strict: bool = False
+    site: CraneSite,
+    lifts: Sequence[ListedLift] | None = None,
+    *,
+    strict: bool = False,
+    progress: Callable[[int], None] | None = None,
 ) -> ShiftPlan:
     """Plan the lifts of a shift.
 
@@ -106,6 +110,7 @@ def plan_shift(
         lifts: The lifts; None for those of the site.
         strict: Whether a lift for which there is no path raises an error. Otherwise it is left out,
             see `ShiftPlan.refusals`.
+        progress: Function that takes the number of lifts that are planned or refused, after each.
 
     Raises:
         NoWay: If there is no path for a lift, and `strict` is set.
@@ -122,6 +127,8 @@ def plan_shift(
         planner.plan_next()
         if strict and planner.refusals:
             raise NoWay(planner.refusals[-1])
+        if progress is not None:
+            progress(len(site.lifts) - len(planner.remaining))
     in_order = sorted(planner.planned, key=lambda planned: planned.begin)
     plan = SitePlan(site, tuple(planner.schedule.lifts), site.hooking_time)
     return ShiftPlan(plan, tuple(in_order), tuple(planner.refusals))
