@@ -197,7 +197,10 @@ EXPERIMENTS = {
         "Overlapping cranes: contacts and time lost, supervised or not.",
         ("--site", "luffing_between", "--minutes", "6"),
         ("--site", "two_towers", "--hours", "0.02", "--minutes", "6", "--cycles", "50"),
-        {"invariant": "Slew of two cranes over time, in the boxes that they hold."},
+        {
+            "invariant": "Slew of two cranes over time, in the boxes that they hold.",
+            "timetable": "Lifts of a shift over time, by crane.",
+        },
     ),
     "identify": Entry(
         "A crane, identified",

@@ -16,6 +16,7 @@ from experiments.harness.table import ResultTable
 from experiments.harness.terminal import blocks, excerpt
 
 if TYPE_CHECKING:
+    import numpy as np
     from matplotlib.figure import Figure
 
     from cranedyn.lifts.judging.loads import Loads
@@ -51,6 +52,9 @@ class Outcome:
         trajectories: Runs, and loads of runs, to store, by file name without ending.
         figures: Figures to store, by file name without ending.
         recording: Runs to record for the viewer.
+        gaps: Distances between cranes by name [m], recorded with the runs, a number for each row of
+            the first one.
+        contacts: Times at which contacts of cranes begin, recorded with the runs [s].
         texts: Texts to store, by file name.
         next_commands: Command lines that go on with the files of this outcome, in which
             ``{folder}`` stands for their folder.
@@ -62,6 +66,8 @@ class Outcome:
     trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
+    gaps: Mapping[str, np.ndarray] = field(default_factory=dict)
+    contacts: Sequence[float] = ()
     texts: Mapping[str, str] = field(default_factory=dict)
     next_commands: Sequence[str] = ()
 

@@ -223,7 +223,14 @@ def _record(outcome: Outcome, options: argparse.Namespace) -> None:
     text = "\n\n".join([options.about, *claims, *tables])
     title = f"Experiment {options.experiment}"
     with bar("recording"):
-        record(options.recording, outcome.recording, title=title, text=text)
+        record(
+            options.recording,
+            outcome.recording,
+            title=title,
+            text=text,
+            gaps=outcome.gaps,
+            contacts=outcome.contacts,
+        )
     if options.film:
         first = min(run.trajectory.t[0] for run in outcome.recording)
         last = max(run.trajectory.t[-1] for run in outcome.recording)

@@ -12,6 +12,10 @@ Each site has two parts:
   supervisor does not prevent, see `attacks_on`.
 
 In addition the cycle of a supervisor for eight cranes is timed.
+
+A site whose file lists lifts of its own, as [[lift]], is not attacked: these lifts are planned as
+one shift, simulated under the supervisor and shown with their timetable, see
+`experiments.site.shift_outcome`.
 """
 
 from __future__ import annotations
@@ -23,6 +27,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import as_completed
 
 from cranedyn.checks import number, whole, worker_count
+from cranedyn.errors import DataError
 from cranedyn.lifts.sites.adversaries import Attack, attacks_on
 from cranedyn.lifts.sites.crane_site_file import EXAMPLES, read_crane_site
 from cranedyn.lifts.sites.site_page import site_html
@@ -30,6 +35,7 @@ from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
 from experiments.harness import Outcome, Setup
 from experiments.harness.processes import processes
+from experiments.site.shift_outcome import shift_outcome
 from experiments.site.shifts import Shift, shifts_on
 from experiments.site.site_results import (
     assumption_table,
@@ -53,11 +59,18 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     whole("cycles", options.cycles, 1)
     worker_count("jobs", options.jobs)
 
+    sites = [read_crane_site(name) for name in options.site]
+    listed = [name for name, site in zip(options.site, sites, strict=True) if site.lifts]
+    if listed and len(sites) > 1:
+        raise DataError(f"{listed[0]} lists lifts, which are planned alone; give no other --site.")
+    if listed:
+        return shift_outcome(sites[0], setup)
+
     searches = math.ceil(options.minutes / MAX_SEARCH_TIME)
     update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))
     shifts: list[Shift] = []
-    for count, name in enumerate(options.site, start=1):
-        shifts += shifts_on(read_crane_site(name), 3600.0 * options.hours)
+    for count, site in enumerate(sites, start=1):
+        shifts += shifts_on(site, 3600.0 * options.hours)
         update(count)
     attacks = _search_all(options, searches, update)
 
@@ -106,7 +119,7 @@ def _attacks_on_file(name: str, duration: float, seed: Sequence[int]) -> list[At
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run the experiment and return the exit code."""
-    parser = harness.parser("site", __doc__, recording=False, engines=("compiled",))
+    parser = harness.parser("site", __doc__, engines=("compiled",))
     harness.add_setup(parser)
     add = parser.add_argument
     text = "sites as TOML, see docs/howto/several_cranes.md, or names of examples"
@@ -116,4 +129,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--jobs", type=int, default=1, metavar="N", help="processes for the adversaries")
     add("--seed", type=int, default=1, help="seed of the adversaries")
     add("--cycles", type=int, default=1000, help="cycles of eight cranes")
+    needed = "a site without [[lift]] entries"
+    of_attacks = ("hours", "minutes", "jobs", "seed", "cycles")
+    harness.add_condition(parser, needed, lambda options: not _lists_lifts(options), *of_attacks)
+    needed = "a site with [[lift]] entries"
+    of_recordings = ("save", "view", "serve", "film")
+    harness.add_condition(parser, needed, _lists_lifts, *of_recordings)
     return harness.run_experiment(parser, experiment, argv)
+
+
+def _lists_lifts(options: argparse.Namespace) -> bool:
+    """Return whether a site of the command line lists lifts."""
+    return any(read_crane_site(name).lifts for name in options.site)

@@ -11,7 +11,8 @@ import numpy as np
 
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.crane_site import CraneSite
-from cranedyn.lifts.sites.operators import HOOKING_TIME, LiftOperator
+from cranedyn.lifts.sites.lift_list import HOOKING_TIME
+from cranedyn.lifts.sites.operators import LiftOperator
 from cranedyn.lifts.sites.plan import SitePlan, plan_site
 from cranedyn.lifts.sites.site_simulation import SiteRun, simulate_site
 from cranedyn.lifts.sites.zones import static_zones

@@ -20,6 +20,9 @@ Public names:
 * `promise.site_assumptions` lists all that the promise of a site rests on.
 * `supervisor.Supervisor` and `guard.Guard` reserve boxes and keep to them.
 * `plan.plan_site` plans lifts in space and time; `plan.SitePlan` is proven slice by slice.
+* `shift_plan.plan_shift` plans the `lift_list.ListedLift` of a site as one shift,
+  `timetable.timetable` shows when each is done by which crane, and `conflicts.nearest_bodies` which
+  parts of two cranes are in each other's way.
 * `operators.LiftOperator` lifts loads as people do; `adversaries.attacks_on` looks for contacts
   that the supervisor does not prevent; `zones.static_zones` are boxes that need no supervisor.
 * `site_simulation.simulate_site` steps all cranes by one clock, with late and lost messages; its
@@ -28,7 +31,7 @@ Public names:
 To read the modules, begin with `crane_site` and `supervisor`, whose docstring says what is promised
 and why it holds. Then `brakes`, `guard` and `working_wind` follow a crane, `capsules`,
 `placed_capsules`, `distance_proof` and `obstacles` what is proven, and `site_simulation` a run.
-`plan`, `operators` and `adversaries` are what a site is used for.
+`plan`, `shift_plan`, `operators` and `adversaries` are what a site is used for.
 
 A cycle of the supervisor takes longer than its period where many boxes are close.
 """

@@ -26,6 +26,7 @@ from cranedyn.lifts.judging.chart import Chart
 from cranedyn.lifts.planning.solids import FARTHEST, Solid
 from cranedyn.lifts.sites.brakes import CYCLE, Brakes
 from cranedyn.lifts.sites.distance_proof import is_box, least_distances, proven_apart
+from cranedyn.lifts.sites.lift_list import HOOKING_TIME, ListedLift, check_lift, check_order
 from cranedyn.lifts.sites.obstacles import Obstacles
 from cranedyn.lifts.sites.placed_capsules import (
     CraneBodies,
@@ -267,6 +268,8 @@ class CraneSite:
             out of.
         working_wind: Wind up to which the cranes work; by default none at all.
         entered: Which of "distance", "swing" and "wind" somebody entered. All others are defaults.
+        lifts: The lifts of a shift, see `cranedyn.lifts.sites.shift_plan`.
+        hooking_time: Time to hook a load on, or to unhook it [s].
     """
 
     name: str
@@ -277,19 +280,25 @@ class CraneSite:
     solids: tuple[Solid, ...] = ()
     working_wind: WorkingWind = CALM
     entered: frozenset[str] = frozenset()
+    lifts: tuple[ListedLift, ...] = ()
+    hooking_time: float = HOOKING_TIME
 
     def __post_init__(self) -> None:
-        """Check names and towers.
+        """Check names, towers and lifts.
 
         Raises:
             DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
                 than the required distance, or a part of a crane, its rope or its load is in an
-                obstacle at the start.
-            OutOfRange: If the distance is not positive, or the swing not from 0.001 to 0.5.
+                obstacle at the start; or if two lifts have one name, or lifts wait for each other
+                in a circle.
+            OutOfRange: If the distance is not positive, the swing not from 0.001 to 0.5, or the
+                hooking time is negative.
+            UnknownName: If a lift names a crane or a lift that there is not.
         """
         number("height of the ground", self.ground, "m")
         number("required distance", self.distance, "m", "> 0")
         within("swing of the load", self.swing, 0.001, 0.5, "rad")
+        number("hooking time", self.hooking_time, "s", ">= 0")
         if not self.stations:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
         names = [station.name for station in self.stations]
@@ -311,6 +320,11 @@ class CraneSite:
                     f"At the start the {part} of {quoted(station.name)} is in {quoted(solid)}: no "
                     "obstacle can be where a crane stands."
                 )
+        earlier: dict[str, ListedLift] = {}
+        for lift in self.lifts:
+            check_lift(lift, names, earlier)
+            earlier[lift.name] = lift
+        check_order(self.lifts)
 
     @cached_property
     def bodies(self) -> CraneBodies:

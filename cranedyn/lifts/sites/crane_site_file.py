@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
-from cranedyn.errors import CraneError, quoted
+from cranedyn.errors import CraneError, UnknownName, quoted
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.planning.site_file import (
     SOLIDS,
@@ -21,10 +21,17 @@ from cranedyn.lifts.planning.site_file import (
     read_fields,
     solids_of,
 )
-from cranedyn.lifts.planning.site_table import SiteTable, crane_values
+from cranedyn.lifts.planning.site_table import SiteTable, crane_values, names_of
 from cranedyn.lifts.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.lifts.sites.crane_site import DISTANCE, SWING, CraneSite, Station, check_names
 from cranedyn.lifts.sites.guard import gentle
+from cranedyn.lifts.sites.lift_list import (
+    ANY_CRANE,
+    HOOKING_TIME,
+    ListedLift,
+    check_lift,
+    check_order,
+)
 from cranedyn.lifts.sites.working_wind import CALM, WorkingWind
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
@@ -36,6 +43,9 @@ SITES = Path(__file__).parent / "examples"
 
 EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 """Names of the example sites."""
+
+SHIFT_EXAMPLES = ("two_towers_shift",)
+"""Names of the example sites that list lifts."""
 
 _FIELDS = (
     "name",
@@ -51,6 +61,9 @@ _FIELDS = (
     "chart",
 )
 """Fields of a crane."""
+
+_LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after")
+"""Fields of a lift."""
 
 _MODELS = ("tower_crane", "luffing_crane")
 """Names of the cranes of this project; the first is the default."""
@@ -77,8 +90,9 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, EXAMPLES, "site")
-    top, lines = read_fields(path, ["ground", "distance", "swing", "wind", "crane", *SOLIDS])
+    path = example_path(path, SITES, (*EXAMPLES, *SHIFT_EXAMPLES), "site")
+    fields = ["ground", "distance", "swing", "wind", "hooking", "crane", "lift", *SOLIDS]
+    top, lines = read_fields(path, fields)
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))
     entries = top.tables("crane", _FIELDS, lines)
@@ -105,7 +119,51 @@ def read_crane_site(path: str | Path) -> CraneSite:
     for station in stations:
         with _blamed_on(top, "wind"):
             gentle(station, swing, wind)
-    return site
+    lifts = _lifts(top.tables("lift", _LIFT_FIELDS, lines), [x.name for x in stations])
+    hooking_time = top.number("hooking", HOOKING_TIME, "s", "0 to 3600")
+    return replace(site, lifts=lifts, hooking_time=hooking_time)
+
+
+def _lifts(entries: Sequence[SiteTable], cranes: Sequence[str]) -> tuple[ListedLift, ...]:
+    """Return the lifts of a shift.
+
+    Args:
+        entries: Tables of the lifts.
+        cranes: Names of the cranes of the site.
+    """
+    by_name: dict[str, ListedLift] = {}
+    for entry in entries:
+        lift = _lift(entry)
+        with _blamed_on(entry, "name" if lift.name in by_name else "crane"):
+            check_lift(lift, cranes, by_name)
+        by_name[lift.name] = lift
+    lifts = tuple(by_name.values())
+
+    # A lift may wait for one that stands below it.
+    for entry, lift in zip(entries, lifts, strict=True):
+        for name in lift.after:
+            if name not in by_name:
+                entry.fail("after", UnknownName("lift", name, list(by_name)))
+    # The line of the error is that of the first entry that closes a circle with those above it.
+    for count, entry in enumerate(entries, start=1):
+        known = {lift.name for lift in lifts[:count]}
+        listed = [replace(x, after=tuple(known & {*x.after})) for x in lifts[:count]]
+        with _blamed_on(entry, "after"):
+            check_order(listed)
+    return lifts
+
+
+def _lift(entry: SiteTable) -> ListedLift:
+    """Return the lift of a table."""
+    return ListedLift(
+        name=entry.text("name"),
+        crane=entry.text("crane", ANY_CRANE),
+        start=np.array(entry.numbers("from", 3, "-1e7 to 1e7")),
+        goal=np.array(entry.numbers("to", 3, "-1e7 to 1e7")),
+        load=entry.optional_number("load", "kg", "> 0"),
+        earliest=entry.number("earliest", 0.0, "s", ">= 0"),
+        after=tuple(entry.take("after", names_of, [])),
+    )
 
 
 @contextmanager

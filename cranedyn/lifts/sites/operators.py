@@ -20,11 +20,9 @@ from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.distance_proof import least_distances
 from cranedyn.lifts.sites.guard import gentle
+from cranedyn.lifts.sites.lift_list import HOOKING_TIME
 from cranedyn.lifts.sites.placed_capsules import place_capsules
 from cranedyn.lifts.sites.plan import leaves_room
-
-HOOKING_TIME = 20.0
-"""Time to hook or unhook a load [s]."""
 
 DAMPING_RATIO = 0.05
 """Damping ratio of the swing that an operator adds by following the load."""

@@ -42,6 +42,7 @@ from cranedyn.interfaces import State
 from cranedyn.lifts.planning.curve import refuse_endless, rest_to_rest_time
 from cranedyn.lifts.planning.lift import RESERVE, NoWay
 from cranedyn.lifts.sites.brakes import CYCLE
+from cranedyn.lifts.sites.conflicts import Conflict, longest
 from cranedyn.lifts.sites.crane_site import CraneSite, Station
 from cranedyn.lifts.sites.guard import HORIZON, gentle, working_swing
 from cranedyn.lifts.sites.site_simulation import SiteOperator
@@ -67,6 +68,11 @@ makes way."""
 
 _RAISED_CABLE = 1.0
 """Cable length of a raised load beyond the shortest [m]."""
+
+# A load that travels as far as it can be raised loses the time for which its hoist runs; half way
+# up, or part of the way, is often enough to pass a jib, a rope or a load on the ground.
+_ARCH_RISES = (0.3, 1.0)
+"""How far a load is raised half way along an arch, over how far it can be raised."""
 
 _REFUGE_COUNT = 300
 """Random positions among which a crane looks for a refuge, where it is clear of another's path."""
@@ -223,7 +229,7 @@ class SitePlan:
         The pairs are in the order of `itertools.combinations`. A distance is the largest of the
         `_CERTIFIED_MULTIPLES` of the required one that is proven, or 0 if none is.
         """
-        schedule = _Schedule(self.site)
+        schedule = Schedule(self.site)
         for motion in self.lifts:
             schedule.put(motion.crane, motion.motion, motion.begin, motion.lift)
         count = max(len(boxes) for boxes in schedule.boxes)
@@ -317,7 +323,7 @@ def plan_site(
     number("stay", stay, "s", ">= 0")
     latest_begin = math.inf if until is None else number("until", until, "s", "> 0")
     pending = _lifts_by_crane(site, lifts)
-    schedule = _Schedule(site, stay)
+    schedule = Schedule(site, stay)
     refusals: list[str] = []
 
     while True:
@@ -359,7 +365,7 @@ def _lifts_by_crane(site: CraneSite, lifts: Sequence[SiteLift]) -> list[list[_Pe
 
 
 def _plan_next_lift(
-    schedule: _Schedule, pending: list[list[_PendingLift]], ready: list[int]
+    schedule: Schedule, pending: list[list[_PendingLift]], ready: list[int]
 ) -> tuple[int, str]:
     """Put the next lift of one of the cranes into a schedule, or refuse it.
 
@@ -407,16 +413,22 @@ def leaves_room(site: CraneSite, crane: int, position: np.ndarray) -> bool:
         crane: Index of the crane.
         position: Position of its drives [rad or m], shape (m,).
     """
-    return _Schedule(site).others_can_stand_clear(crane, _standing(site.stations[crane], position))
+    return Schedule(site).others_can_stand_clear(crane, _standing(site.stations[crane], position))
 
 
 # The cache keeps no exceptions. A motion that is refused is an answer, too, so errors are returned.
 @lru_cache(maxsize=512)
-def _motion(site: CraneSite, crane: int, points: _Points) -> Motion | CraneError:
+def _motion(site: CraneSite, crane: int, points: _Points, mass: float) -> Motion | CraneError:
     """Return the motion of a crane through points, or the error that says why there is none.
 
     The motion keeps the load above ground, all parts away from obstacles, the drives in their
     ranges and the load in its chart. Other cranes are not looked at.
+
+    Args:
+        site: The site.
+        crane: Index of the crane.
+        points: Positions of its drives that the motion passes.
+        mass: Mass that is compared with the chart [kg].
     """
     station = site.stations[crane]
     swing = _swing_of_drives(site, crane)
@@ -424,7 +436,7 @@ def _motion(site: CraneSite, crane: int, points: _Points) -> Motion | CraneError
         motion = _smooth_motion(station, swing, site.working_wind, np.array(points))
         load = station.plumb(motion.q[:, motion.drives])[1]
         _check_height(site, crane, load)
-        _check_chart(station, load)
+        _check_chart(station, load, mass)
         if site.solids:
             _check_obstacles(site, crane, _guard_boxes(station, swing, motion))
     except CraneError as error:
@@ -439,13 +451,12 @@ def _check_height(site: CraneSite, crane: int, load: np.ndarray) -> None:
         raise NoWay(f"its load is {low:.2f} m above ground; required is {site.distance:g} m.")
 
 
-def _check_chart(station: Station, load: np.ndarray) -> None:
-    """Raise `OutOfRange` if the crane may not carry its load at all points, shape (rows, 3)."""
+def _check_chart(station: Station, load: np.ndarray, mass: float) -> None:
+    """Raise `OutOfRange` if the crane may not carry a mass [kg] at all points, shape (rows, 3)."""
     if station.chart is None:
         return
     radii = np.linalg.norm((load - station.foot)[:, :2], axis=1)
     rated = float(station.chart.on().at(radii).min())
-    mass = station.crane.payload_mass
     within(f"load of {quoted(station.name)}", mass, 0.0, rated, "kg")
 
 
@@ -457,13 +468,13 @@ def _check_obstacles(site: CraneSite, crane: int, boxes: np.ndarray) -> None:
             raise NoWay("each way that was tried is too near to an obstacle.")
 
 
-def _boxes_along(site: CraneSite, crane: int, path: _Path) -> list[np.ndarray]:
-    """Return the boxes of each motion of a crane along a path, shape (slices, 2, m) each; an empty
-    list if one of the motions is refused.
+def _boxes_along(site: CraneSite, crane: int, path: _Path, mass: float) -> list[np.ndarray]:
+    """Return the boxes of each motion of a crane along a path with a mass on its hook [kg], shape
+    (slices, 2, m) each; an empty list if one of the motions is refused.
     """
     boxes = []
     for points in path:
-        motion = _motion(site, crane, points)
+        motion = _motion(site, crane, points, mass)
         if isinstance(motion, Motion):
             swing = _swing_of_drives(site, crane)
             boxes.append(_guard_boxes(site.stations[crane], swing, motion))
@@ -741,23 +752,38 @@ class _PlacedPath(NamedTuple):
         legs: Each motion, and the slice in which it begins.
         arrival: Slice in which the crane has arrived.
         end: Position where it arrives.
+        conflicts: What its motions wait for.
     """
 
     legs: list[tuple[Motion, int]]
     arrival: int
     end: _Position
+    conflicts: list[Conflict]
 
 
-class _ScheduleState(NamedTuple):
-    """Copy of what changes in a schedule, see `_Schedule`."""
+class _Begin(NamedTuple):
+    """When a motion can begin.
+
+    Attributes:
+        slice: Earliest slice; None if there is none.
+        conflicts: What it waits for; the last one is for ever where there is no slice.
+    """
+
+    slice: int | None
+    conflicts: list[Conflict]
+
+
+class ScheduleState(NamedTuple):
+    """Copy of what changes in a schedule, see `Schedule`."""
 
     lifts: list[ScheduledLift]
     boxes: list[np.ndarray]
     positions: list[_Position]
     ready: list[int]
+    masses: list[float]
 
 
-class _Schedule:
+class Schedule:
     """Motions of all cranes with their times, and the boxes that the cranes have in them.
 
     Slice k of a crane begins at (k - 1) `SLICE`: the boxes of a motion that begins at time 0 begin
@@ -766,42 +792,63 @@ class _Schedule:
     Attributes:
         site: The site.
         stay: Time for which a load stays at its goal [s].
+        arched: Whether loads may also travel along arches.
         lifts: All motions that are planned.
         boxes: Box of each crane in each slice, shape (slices, 2, m) each. The last is for ever.
         positions: Where the drives of each crane stand after their last motion.
         ready: Number of slices after time 0 from which on each crane can begin its next motion.
+        masses: Mass on the hook of each crane in its next motion [kg], which is compared with its
+            chart; at first that of the load of the crane.
+        conflict: What the latest motion that was looked for waits for longest, or cannot pass at
+            all; None if it waits for nothing.
     """
 
-    def __init__(self, site: CraneSite, stay: float = 0.0) -> None:
-        """Start with all cranes at rest at their starts."""
+    def __init__(self, site: CraneSite, stay: float = 0.0, *, arched: bool = False) -> None:
+        """Start with all cranes at rest at their starts.
+
+        Args:
+            site: The site.
+            stay: Time for which a load stays at its goal [s].
+            arched: Whether loads may also travel along arches, raised and lowered on the way.
+        """
         starts = [x.crane.start.q[x.crane.layout.drives] for x in site.stations]
         self.site = site
         self.stay = stay
+        self.arched = arched
         self.lifts: list[ScheduledLift] = []
         self.boxes: list[np.ndarray] = []
         for station, start in zip(site.stations, starts, strict=True):
             self.boxes.append(_standing(station, start))
         self.positions: list[_Position] = [tuple(start.tolist()) for start in starts]
         self.ready = [0] * len(starts)
+        self.masses = [station.crane.payload_mass for station in site.stations]
+        self.conflict: Conflict | None = None
 
-    def _saved(self) -> _ScheduleState:
+    def saved(self) -> ScheduleState:
         """Return a copy of all that changes. Boxes are replaced, never written into."""
-        return _ScheduleState(
-            list(self.lifts), list(self.boxes), list(self.positions), list(self.ready)
+        return ScheduleState(
+            lifts=list(self.lifts),
+            boxes=list(self.boxes),
+            positions=list(self.positions),
+            ready=list(self.ready),
+            masses=list(self.masses),
         )
 
-    def _restore(self, saved: _ScheduleState) -> None:
-        """Go back to a copy of what changes, see `_saved`."""
+    def restore(self, saved: ScheduleState) -> None:
+        """Go back to a copy of what changes, see `saved`."""
         self.lifts = saved.lifts
         self.boxes = saved.boxes
         self.positions = saved.positions
         self.ready = saved.ready
+        self.masses = saved.masses
 
     def _others(self, crane: int) -> list[int]:
         """Return the indices of all cranes but one."""
         return [other for other in range(len(self.boxes)) if other != crane]
 
-    def lift(self, crane: int, goal: _Position, lift: int, *, cleared: bool) -> bool:
+    def lift(
+        self, crane: int, goal: _Position, lift: int, *, cleared: bool, earliest: float = 0.0
+    ) -> bool:
         """Put in the next lift of a crane; return whether there is a path for it.
 
         Args:
@@ -809,6 +856,7 @@ class _Schedule:
             goal: Goal of its load [m].
             lift: Number of the lift.
             cleared: Whether other cranes make way for it. Otherwise they stay as they are planned.
+            earliest: Time before which the load does not arrive at the goal [s].
 
         Raises:
             CraneError: If there is no path, whatever others do.
@@ -821,42 +869,58 @@ class _Schedule:
         if not ends:
             raise NoWay("wherever it may stand, another crane is in the way of its goal.")
         if cleared:
-            return self._move_past_cleared_cranes(crane, ends, lift)
-        return self._move(crane, ends, lift)
+            return self._move_past_cleared_cranes(crane, ends, lift, earliest)
+        return self._move(crane, ends, lift, earliest)
 
-    def _move_past_cleared_cranes(self, crane: int, ends: list[_Position], lift: int) -> bool:
+    def _move_past_cleared_cranes(
+        self, crane: int, ends: list[_Position], lift: int, earliest: float
+    ) -> bool:
         """Put in the motions of a lift, each after all others have made way for it; return whether
-        a path was found.
+        a path was found. The load does not arrive before the earliest time [s].
 
         Raises:
             CraneError: If there is no path, whatever others do.
         """
         passable = []
-        for path in _candidate_paths(self.site, crane, self.positions[crane], ends):
-            boxes = _boxes_along(self.site, crane, path)
+        mass = self.masses[crane]
+        for path in self._paths(crane, ends):
+            boxes = _boxes_along(self.site, crane, path, mass)
             if boxes and all(self.others_can_stand_clear(crane, of_leg) for of_leg in boxes):
                 passable.append((path, boxes))
         if not passable:
             raise NoWay("each way that was tried passes another crane wherever that may stand.")
         for path, boxes in passable:
             # A path may fail at its second motion, after cranes have moved for the first.
-            saved = self._saved()
-            if self._clear_and_move(crane, path, boxes, lift):
+            saved = self.saved()
+            if self._clear_and_move(crane, path, boxes, lift, earliest):
                 return True
-            self._restore(saved)
+            self.restore(saved)
         return False
 
-    def _clear_and_move(self, crane: int, path: _Path, boxes: list[np.ndarray], lift: int) -> bool:
+    def _clear_and_move(
+        self, crane: int, path: _Path, boxes: list[np.ndarray], lift: int, earliest: float
+    ) -> bool:
         """Put in each motion of a path after others have made way for it; return whether all
-        succeed.
+        succeed. The last one does not arrive before the earliest time [s].
         """
         for leg, (points, of_leg) in enumerate(zip(path, boxes, strict=True), start=1):
             if not all(self._make_way(other, crane, of_leg) for other in self._others(crane)):
                 return False
-            ended = lift if leg == len(path) else 0
-            if not self._move(crane, [points[-1]], ended):
+            is_last = leg == len(path)
+            ended = lift if is_last else 0
+            if not self._move(crane, [points[-1]], ended, earliest if is_last else 0.0):
                 return False
         return True
+
+    def _paths(self, crane: int, ends: list[_Position]) -> list[_Path]:
+        """Return the paths on which a crane may get to one of some ends."""
+        begin = self.positions[crane]
+        paths = _candidate_paths(self.site, crane, begin, ends, self.masses[crane])
+        if self.arched:
+            station = self.site.stations[crane]
+            for end in ends:
+                paths += _arches(station, begin, end)
+        return paths
 
     def others_can_stand_clear(self, crane: int, boxes: np.ndarray) -> bool:
         """Return whether each other crane has a position clear of boxes of a crane, shape (k, 2,
@@ -923,7 +987,7 @@ class _Schedule:
             for position in clear.tolist():
                 yield tuple(position)
 
-    def _move(self, crane: int, ends: list[_Position], lift: int) -> bool:
+    def _move(self, crane: int, ends: list[_Position], lift: int, earliest: float = 0.0) -> bool:
         """Put in the motions by which a crane arrives first at one of some ends, and where nothing
         comes near it later; return whether there are any.
 
@@ -931,41 +995,50 @@ class _Schedule:
             crane: Index of the crane.
             ends: Positions of its drives.
             lift: Number of the lift that the last motion ends; 0 for none.
+            earliest: Time before which the last motion does not arrive [s].
 
         Raises:
             CraneError: If all paths are refused whatever others do; the error of the first one.
         """
-        paths = _candidate_paths(self.site, crane, self.positions[crane], ends)
+        paths = self._paths(crane, ends)
         refusals: list[CraneError] = []
-        earliest: _PlacedPath | None = None
+        conflicts: list[Conflict] = []
+        first_there: _PlacedPath | None = None
         for path in paths:
-            latest = math.inf if earliest is None else earliest.arrival
-            placed = self._place(crane, path, latest)
+            latest = math.inf if first_there is None else first_there.arrival
+            placed = self._place(crane, path, latest, earliest)
             if isinstance(placed, CraneError):
                 refusals.append(placed)
+            elif isinstance(placed, Conflict):
+                conflicts.append(placed)
             elif placed is not None:
-                earliest = placed
+                first_there = placed
         if len(refusals) == len(paths):
             raise refusals[0]
-        if earliest is None:
+        if first_there is None:
+            self.conflict = longest(conflicts)
             return False
-        self.positions[crane] = earliest.end
-        for leg, (motion, begin) in enumerate(earliest.legs, start=1):
-            ended = lift if leg == len(earliest.legs) else 0
+        self.conflict = longest(first_there.conflicts)
+        self.positions[crane] = first_there.end
+        for leg, (motion, begin) in enumerate(first_there.legs, start=1):
+            ended = lift if leg == len(first_there.legs) else 0
             self.put(crane, motion, begin * SLICE, ended)
         return True
 
-    def _place(self, crane: int, path: _Path, latest: float) -> _PlacedPath | CraneError | None:
+    def _place(
+        self, crane: int, path: _Path, latest: float, earliest: float
+    ) -> _PlacedPath | CraneError | Conflict | None:
         """Return a path with the earliest times at which it passes all others.
 
         Args:
             crane: Index of the crane.
             path: The path.
             latest: Slice before which it must arrive.
+            earliest: Time before which its last motion does not arrive [s].
 
         Returns:
-            The path; the error of the first motion that is refused; or None if the crane does not
-            arrive before the latest slice.
+            The path; the error of the first motion that is refused; what stands in the way of a
+            motion for ever; or None if the crane does not arrive before the latest slice.
         """
         station = self.site.stations[crane]
         swing = _swing_of_drives(self.site, crane)
@@ -974,27 +1047,32 @@ class _Schedule:
             travel = np.abs(np.diff(points, axis=0)) / station.converters.rates
             least_times.append(travel.max(axis=1).sum())
         legs: list[tuple[Motion, int]] = []
+        conflicts: list[Conflict] = []
         after = self.ready[crane]
         for leg, points in enumerate(path):
             # Motions are costly to compute: at full rate this path would already be too late.
             if after + sum(least_times[leg:]) // SLICE >= latest:
                 return None
-            motion = _motion(self.site, crane, points)
+            motion = _motion(self.site, crane, points, self.masses[crane])
             if isinstance(motion, CraneError):
                 return motion
             boxes = _guard_boxes(station, swing, motion)
-            begin = self._earliest_begin(crane, boxes, after)
+            if leg == len(path) - 1:
+                # The slice from which on the motion arrives at the earliest time.
+                after = max(after, math.ceil((earliest - motion.arrival) / SLICE))
+            begin, waits_for = self._earliest_begin(crane, boxes, after)
             if begin is None:
-                return None
+                return waits_for[-1]
+            conflicts += waits_for
             after = begin + len(boxes) - 1
             if after >= latest:
                 return None
             legs.append((motion, begin))
-        return _PlacedPath(legs, after, path[-1][-1])
+        return _PlacedPath(legs, after, path[-1][-1], conflicts)
 
-    def _earliest_begin(self, crane: int, boxes: np.ndarray, first: int) -> int | None:
+    def _earliest_begin(self, crane: int, boxes: np.ndarray, first: int) -> _Begin:
         """Return the earliest slice from which on the boxes of a motion are proven apart from all
-        other cranes; None if there is none.
+        other cranes, and what it waits for.
 
         Args:
             crane: Index of the crane that moves.
@@ -1004,6 +1082,7 @@ class _Schedule:
         last = len(boxes) - 1
         begin = first
         other = 0
+        conflicts: list[Conflict] = []
         while other < len(self.boxes):
             if other == crane:
                 other += 1
@@ -1025,16 +1104,19 @@ class _Schedule:
                 if self.site.pair_apart(crane, box, other, their_box):
                     wait = k
                     break
+            met = of_other[min(begin + meeting, len(of_other) - 1)]
             if wait is None:
                 # The other crane stands there for ever.
-                return None
+                return _Begin(None, [*conflicts, Conflict(crane, box, other, met, math.inf)])
             # Where the crane had arrived before they meet, it is its last box that is met: it must
             # not arrive before the other one is gone, either.
-            begin += max(meeting - last, 0) + wait
+            delay = max(meeting - last, 0) + wait
+            conflicts.append(Conflict(crane, box, other, met, SLICE * delay))
+            begin += delay
 
             # A later begin may meet the cranes that were looked at before.
             other = 0
-        return begin
+        return _Begin(begin, conflicts)
 
     def put(self, crane: int, motion: Motion, begin: float, lift: int = 0) -> None:
         """Give a motion a time.
@@ -1067,9 +1149,9 @@ class _Schedule:
 
 
 def _candidate_paths(
-    site: CraneSite, crane: int, begin: _Position, ends: list[_Position]
+    site: CraneSite, crane: int, begin: _Position, ends: list[_Position], mass: float
 ) -> list[_Path]:
-    """Return paths on which a crane may get to one of some ends.
+    """Return paths on which a crane may get to one of some ends with a mass on its hook [kg].
 
     To each end they go directly, and with the load raised before and lowered after, in one motion
     without a stop or in several with stops. Where no such path is clear of obstacles, paths around
@@ -1085,13 +1167,30 @@ def _candidate_paths(
         # Without any stop where all points are equal: the crane stands at its goal.
         if with_stops:
             paths.append(with_stops)
-    if site.solids and not any(_boxes_along(site, crane, path) for path in paths):
+    if site.solids and not any(_boxes_along(site, crane, path, mass) for path in paths):
         for end in ends:
             around = _around_obstacles(site, crane, begin, end)
             if around:
                 paths.append([around])
                 around_with_stops: _Path = list(itertools.pairwise(around))
                 paths.append(around_with_stops)
+    return paths
+
+
+def _arches(station: Station, begin: _Position, end: _Position) -> list[_Path]:
+    """Return paths between two positions on which the load is raised over the first half of the
+    way and lowered over the second, while all other drives go on.
+    """
+    winch = station.crane.winch
+    ends = np.array([begin, end])
+    shorter = float(ends[:, winch].min())
+    paths: list[_Path] = []
+    for rise in _ARCH_RISES:
+        middle = ends.mean(axis=0)
+        middle[winch] = shorter
+        raised = np.array(_raised(station, tuple(middle.tolist())))
+        middle[winch] = shorter + rise * (float(raised[winch]) - shorter)
+        paths.append([(begin, tuple(middle.tolist()), end)])
     return paths
 
 

@@ -15,7 +15,10 @@ from cranedyn.lifts.judging.lift_tables import Row, Table
 from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_html_or_pdf
 from cranedyn.lifts.sites.brakes import CYCLE
 from cranedyn.lifts.sites.promise import site_assumptions
+from cranedyn.lifts.sites.shift_checks import shift_checks
+from cranedyn.lifts.sites.shift_plan import ShiftPlan
 from cranedyn.lifts.sites.site_simulation import SiteContact, SiteRun
+from cranedyn.lifts.sites.timetable import timetable, timetable_chart
 from cranedyn.plotting.figures import legend_above, panels
 from cranedyn.plotting.html import render, worst_first
 from cranedyn.plotting.style import COLOURS, run_colour
@@ -26,21 +29,36 @@ _DISTANCE_RANGE = 20.0
 """Largest distance that is drawn over time, in required distances."""
 
 
-def write_page(run: SiteRun, path: str | Path) -> Path:
+def write_page(run: SiteRun, path: str | Path, shift: ShiftPlan | None = None) -> Path:
     """Write a run as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
+
+    Args:
+        run: The run.
+        path: The file.
+        shift: The plan of the shift that the cranes follow; None if they follow none.
 
     Raises:
         NoBrowser: If a PDF is asked for and no browser prints it.
         DataError: If the ending is another or the file cannot be written.
     """
-    return write_html_or_pdf(with_ending(path, ".html", ".pdf"), site_html(run))
+    return write_html_or_pdf(with_ending(path, ".html", ".pdf"), site_html(run, shift))
 
 
-def site_html(run: SiteRun) -> str:
-    """Return a run as one HTML document that needs no other file."""
+def site_html(run: SiteRun, shift: ShiftPlan | None = None) -> str:
+    """Return a run as one HTML document that needs no other file, with the timetable of the plan
+    that the cranes follow, if there is one.
+    """
     kind = "under the supervisor" if run.boxes else "without a supervisor"
     lost = lost_time(run)
-    figures = [
+    checks = site_run_checks(run)
+    tables = _tables(run, lost)
+    figures = []
+    if shift is not None:
+        checks = shift_checks(shift, run) + checks
+        tables = [timetable(shift), *tables]
+        caption = "Timetable: pale to the load, grey hooking on and off, full with the load."
+        figures.append(LiftFigure(timetable_chart(shift), caption))
+    figures += [
         LiftFigure(_plan(run), "Towers, reach, paths of hooks, obstacles, and contacts in red."),
         LiftFigure(_histories(run, lost), "Distances, the required one dashed, and lost time."),
     ]
@@ -48,9 +66,9 @@ def site_html(run: SiteRun) -> str:
         Path(__file__).with_name("templates") / "site.html",
         title=f"Site: {run.site.name}",
         about=f"{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.",
-        checks=worst_first(_checks(run)),
+        checks=worst_first(checks),
         figures=page_figures(figures),
-        tables=page_tables(_tables(run, lost)),
+        tables=page_tables(tables),
     )
 
 
@@ -67,7 +85,7 @@ def lost_time(run: SiteRun) -> list[np.ndarray]:
     return lost
 
 
-def _checks(run: SiteRun) -> list[Check]:
+def site_run_checks(run: SiteRun) -> list[Check]:
     """Return what is judged of a run, a sentence each."""
     site = run.site
     violation = run.violation

@@ -312,12 +312,16 @@ class SiteRun:
         """
         return record(
             path,
-            [self._run_to_record(i) for i in range(len(self.site.stations))],
+            self.runs_to_record(),
             title=self.site.name,
             text=self._text_to_record(),
             gaps=self.gaps(),
             contacts=[contact.t for contact in self.contacts],
         )
+
+    def runs_to_record(self) -> list[Run]:
+        """Return all cranes as they are recorded, at their places."""
+        return [self._run_to_record(i) for i in range(len(self.site.stations))]
 
     def _run_to_record(self, i: int) -> Run:
         """Return a crane as it is recorded: at its place, with its reserved boxes.

@@ -22,7 +22,7 @@ from cranedyn.lifts.planning.lift import NoWay
 from cranedyn.lifts.planning.solids import Solid, box, prism
 from cranedyn.lifts.sites import site_page, site_simulation
 from cranedyn.lifts.sites.crane_site import CraneSite, SiteWind
-from cranedyn.lifts.sites.crane_site_file import read_crane_site
+from cranedyn.lifts.sites.crane_site_file import SITES, read_crane_site
 from cranedyn.lifts.sites.plan import SLICE, SitePlan, plan_site
 from cranedyn.lifts.sites.site_simulation import (
     Deadlock,
@@ -354,10 +354,17 @@ def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None
 
 
 @pytest.mark.slow
-def test_the_site_file_of_the_how_to_is_read(tmp_path: Path) -> None:
+def test_the_site_files_of_the_how_to_are_read(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
-    site = site_from(tmp_path, text.partition("```toml")[2].partition("```")[0])
+    lifts, cranes = re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
+    site = site_from(tmp_path, cranes)
     assert [station.name for station in site.stations] == ["west", "east"] and site.solids
+    head, _, towers = (SITES / "two_towers.toml").read_text("utf-8").partition("[[crane]]")
+    shift = site_from(tmp_path, f"{head}\n{lifts}\n[[crane]]{towers}")
+    assert [(lift.name, lift.crane) for lift in shift.lifts] == [
+        ("formwork", "north"),
+        ("bucket", "any"),
+    ]
 
 
 HEAD = '[[crane]]\nname = "a"\n'
