@@ -315,9 +315,7 @@ def _simulate_chunk(
     sensor_offset = np.zeros((count, 2 * crane.layout.n))
     sensor_offset[:, hoist] = -drawn["cable_m"]
     weight = cranes[load].payload_mass * crane.gravity
-    # Wind and weight balance, the pivots unmoved: the rope points along their sum.
-    pull = force[:, 0, :3] - np.array([0.0, 0.0, weight])
-    start = lift.clearance.hang_along(start, pull)
+    start = hanging_in_wind(lift.clearance, start, force[:, 0, :3], weight)
 
     batch = simulate_batch(
         [*[cranes[load]] * (count - 1), other_crane],
@@ -336,6 +334,22 @@ def _simulate_chunk(
         threads=1,
     )
     return _ChunkResult(_without_last(batch), force[:-1])
+
+
+def hanging_in_wind(
+    clearance: Clearance, start: np.ndarray, force: np.ndarray, weight: float
+) -> np.ndarray:
+    """Return coordinates in which loads hang in a steady wind, the drives as they are.
+
+    Wind and weight balance, the pivots unmoved: the rope points along their sum.
+
+    Args:
+        clearance: Crane and site.
+        start: Coordinates, shape (k, n).
+        force: Force of the wind on each load [N], shape (k, 3).
+        weight: Weight of a load [N].
+    """
+    return clearance.hang_along(start, force - np.array([0.0, 0.0, weight]))
 
 
 def _without_last(batch: Batch) -> Batch:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -168,17 +169,19 @@ def test_a_chart_of_one_load_holds_at_any_radius_and_for_a_crane_without_one(
         read_chart(file)
 
 
-PAGE = EXAMPLES.parent / "docs/howto/other_cranes_lift.md"
-
-CHART, HALL = re.findall(r"^```toml\n(.*?)^```", PAGE.read_text("utf-8"), re.S | re.M)
-"""Chart and site of the page about lifts of other cranes."""
+@cache
+def page_tables() -> tuple[str, str]:
+    """Return chart and site of the page about lifts of other cranes."""
+    page = EXAMPLES.parent / "docs/howto/other_cranes_lift.md"
+    chart, site = re.findall(r"^```toml\n(.*?)^```", page.read_text("utf-8"), re.S | re.M)
+    return chart, site
 
 
 @pytest.fixture
 def hall(tmp_path: Path) -> Path:
-    (tmp_path / "hall_crane.toml").write_text(CHART)
+    (tmp_path / "hall_crane.toml").write_text(page_tables()[0])
     file = tmp_path / "hall.toml"
-    file.write_text(HALL)
+    file.write_text(page_tables()[1])
     return file
 
 
@@ -188,11 +191,11 @@ def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path
     judgement = judge(read_site(hall), requirements=required)
     assert judgement.go, judgement.reasons
     assert "overhead" in judgement.html()
-    hall.write_text(HALL.replace("permitted = 120.0", "permitted = 50.0"))
+    hall.write_text(page_tables()[1].replace("permitted = 120.0", "permitted = 50.0"))
     weaker = judge(read_site(hall), requirements=required)
     assert weaker.verdict is Verdict.FAILS
     assert any("a rail may bear 50 kN of a wheel" in reason for reason in weaker.reasons)
-    hall.write_text(re.sub(r"\[runway\].*?(?=\[ground\])", "", HALL, flags=re.S))
+    hall.write_text(re.sub(r"\[runway\].*?(?=\[ground\])", "", page_tables()[1], flags=re.S))
     unknown = judge(read_site(hall), requirements=required)
     assert unknown.verdict is Verdict.NOT_JUDGED
     assert any("[runway] of the site is missing" in reason for reason in unknown.reasons)
@@ -217,7 +220,7 @@ def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path
 def test_a_site_says_which_crane_it_is_or_is_refused_with_its_line(
     hall: Path, old: str, new: str, sentence: str
 ) -> None:
-    hall.write_text(HALL.replace(old, new))
+    hall.write_text(page_tables()[1].replace(old, new))
     with pytest.raises(DataError, match=sentence):
         read_site(hall)
 
@@ -234,7 +237,7 @@ def test_a_crane_of_this_package_is_called_shipped_with_what_was_entered_of_it(h
 def test_drives_of_another_crane_are_entered_in_its_order_and_units(tmp_path: Path) -> None:
     (tmp_path / "portal_crane.urdf").write_text((EXAMPLES / "portal_crane.urdf").read_text())
     file = tmp_path / "quay.toml"
-    text = HALL.replace(
+    text = page_tables()[1].replace(
         'kind = "overhead" ',
         'file = "portal_crane.urdf"\nlocked = { travel_joint = 12.0 }  # ',
     )

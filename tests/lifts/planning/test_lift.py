@@ -46,6 +46,7 @@ from cranedyn.lifts.planning.perturbed import (
     _largest_silhouette,
     _least_distances,
     _simulate_chunk,
+    hanging_in_wind,
     perturb,
 )
 from cranedyn.lifts.planning.site import Site
@@ -632,7 +633,7 @@ def test_the_wind_at_the_start_leans_the_load_to_its_lee_and_meets_its_broad_sid
     force = np.array([[300.0, 0.0, 0.0], [120.0, 500.0, 0.0]])
     plumb = [payload_position(crane(), q) for q in start]
     weight = crane().payload_mass * crane().gravity
-    start = lift().clearance.hang_along(start, force - np.array([0.0, 0.0, weight]))
+    start = hanging_in_wind(lift().clearance, start, force, weight)
     off = np.array([payload_position(crane(), q) for q in start]) - plumb
     lean = np.linalg.norm(force, axis=1) / (crane().payload_mass * crane().gravity)
     length = float(start[0, 4])
