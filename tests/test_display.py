@@ -75,7 +75,7 @@ def test_a_notebook_shows_every_column_of_a_run_and_every_joint_of_a_crane(run: 
     assert (
         repr(crane()).splitlines()[0] == "Crane with a payload of 1000 kg in gravity of 9.81 m/s²"
     )
-    assert len(repr(crane()).splitlines()) == 7
+    assert len(repr(crane()).splitlines()) == 9  # two of them say which way a swing counts
 
 
 def test_pandas_takes_a_run_as_a_table_to_the_bit(run: Trajectory) -> None:
@@ -298,7 +298,7 @@ def test_a_crane_of_any_topology_shows_itself_and_its_runs(
     monkeypatch.setattr("cranedyn.recording.viewer.open_viewer", lambda path: None)
     made = variant_crane(variant)
     run = cd.simulate(made, hold_controller(made), start=made.start, duration=0.05)
-    rows = [line.split() for line in repr(made).splitlines()[2:]]
+    rows = [row.split() for row in repr(made).splitlines()[2:] if " moves the load " not in row]
     assert [(row[0], row[1]) for row in rows] == [
         (joint.symbol, joint.name) for joint in made.layout.joints
     ]

@@ -234,8 +234,9 @@ def test_the_design_of_the_how_to_moves_the_served_crane_over_both_protocols(
 ) -> None:
     pytest.importorskip("control", reason="extra control (python-control) is not installed")
     monkeypatch.chdir(tmp_path)
+    scope: dict[str, object] = {"__name__": "page"}
     for script in scripts(ROOT / "docs/howto/served_plant.md"):
-        exec(compile(script, "served_plant.md", "exec", dont_inherit=True), {"__name__": "page"})
+        exec(compile(script, "served_plant.md", "exec", dont_inherit=True), scope)
     export = ["export", "c"]
     period = ["--period", "0.02"]
     assert command([*export, "block", "--controller", "my_gain.json", *period]) == 0
