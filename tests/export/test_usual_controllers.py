@@ -143,7 +143,7 @@ def test_the_page_says_what_constant_gains_of_the_observer_cost(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     page = "docs/howto/controller_code.md"
-    (script,) = [script for script in scripts(ROOT / page) if "steady" in script]
+    (script,) = [script for script in scripts(ROOT / page) if "kalman" in script]
     exec(compile(script, page, "exec", dont_inherit=True), {"__name__": "page"})
     printed = capsys.readouterr().out
 
