@@ -25,7 +25,7 @@ from typing import Any, NamedTuple, cast, get_args
 
 import numpy as np
 
-from cranedyn.checks import as_array, finite, number
+from cranedyn.checks import as_array, finite, number, short_repr
 from cranedyn.controllers.affine import at_rest_shifted
 from cranedyn.controllers.linear import (
     AntiWindup,
@@ -50,22 +50,22 @@ _JSON_KEYS = ("A", "B", "C", "D", "dt", "inputs", "outputs")
 _NAMES_IN_MATLAB = {"inputs": "InputName", "outputs": "OutputName"}
 """Names of the signals in a file of MATLAB that holds the fields of an `ss` object."""
 
-_UNUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
-"""Fields of an `ss` object that change what it computes, and which are not read."""
+_REFUSED_IN_MATLAB = ("InputDelay", "OutputDelay", "InternalDelay")
+"""Fields of an `ss` object that change what it computes and are not read: refused unless zero."""
 
 _SETPOINT = "_set"
 """End of the name of an input that is the position of the setpoint of a drive, such as "x_set"."""
 
-_OWN_REST_IN_MATLAB = ("z0", "u0", "x0", "anti_windup", "u_limits")
-"""Variables that `controller_to_matlab` writes beside the matrices."""
+_WRITTEN_IN_MATLAB = ("z0", "u0", "x0", "anti_windup", "u_limits")
+"""Variables that `controller_to_matlab` writes beside the matrices, see `WrittenRest`."""
 
 
 class DrivenController(NamedTuple):
-    """A controller, and what its commands are.
+    """A controller with the kind of its commands.
 
     Attributes:
         controller: The controller.
-        drive: What its commands are.
+        drive: "effort", "motion" for accelerations, or "velocity" for rates.
     """
 
     controller: Controller
@@ -73,7 +73,7 @@ class DrivenController(NamedTuple):
 
 
 class ControllerFile(ABC):
-    """A controller of one's own.
+    """A controller of one's own, which is made anew for each run.
 
     Attributes:
         name: Its name in tables: that of the function, or of the file without its ending.
@@ -98,11 +98,11 @@ class ControllerFile(ABC):
 
 
 def is_controller_file(source: str) -> bool:
-    """Return whether a text names a controller of one's own, and not one of cranedyn."""
-    file, is_function, _ = source.rpartition(":")
-    if is_function and file.endswith(".py"):
-        return True
-    return source.endswith((".py", ".json", ".mat"))
+    """Return whether a text is meant as a controller of one's own, and not as one of cranedyn. So
+    is a file in Python without a function, which `open_controller` refuses.
+    """
+    file, _, _ = source.rpartition(":")
+    return file.endswith(".py") or source.endswith((".py", ".json", ".mat"))
 
 
 def open_controller(source: str) -> ControllerFile:
@@ -142,22 +142,28 @@ class _FunctionFile(ControllerFile):
         drive: Any = "effort"
         if isinstance(made, tuple) and len(made) == 2:
             controller, drive = made
-        if drive not in get_args(Drive) or not callable(controller):
-            kinds = ", ".join(get_args(Drive))
+        kinds = ", ".join(get_args(Drive))
+        if not callable(controller):
             allowed = f"a controller, or a pair of a controller and one of {kinds}"
             raise OutOfRange(f"result of {self.source}", type(made).__name__, allowed)
+        if drive not in get_args(Drive):
+            raise OutOfRange(f"commands of {self.source}", short_repr(drive), f"one of {kinds}")
         return DrivenController(cast(Controller, controller), drive)
 
 
 def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
     """Run a file of Python and return a function of it.
 
+    The folder of the file stays on the path for modules, after what is installed. Of two folders
+    with helper modules of one name the first one counts.
+
     Raises:
         DataError: If the file cannot be read or run, or the function takes other arguments.
         UnknownName: If there is no such function.
     """
-    open_file(file).close()
-    module_name = f"cranedyn_controller_of_{file.stem}"
+    open_file(file).close()  # its error says what is wrong with the file
+    # Two files of one name in different folders are two modules.
+    module_name = f"cranedyn_controller_of_{file.resolve()}"
     spec = importlib.util.spec_from_file_location(module_name, file)
     assert spec is not None and spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -199,26 +205,36 @@ def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
 
 @dataclass(frozen=True, eq=False)
 class SetpointInputs:
-    """Inputs that are positions of the setpoint of the drives, and the rest of their own about
-    which `cranedyn.export.matlab.controller_to_matlab` writes a controller.
-
-    The shapes of the arrays from a file are checked where the crane is known. What a file leaves
-    out is None: then it is as in a file without such inputs.
+    """Inputs that are positions of the setpoint of the drives.
 
     Attributes:
         names: Names of the inputs, such as "x_set".
         b: Their columns in the next states, shape (k, names).
         d: Their columns in the commands, shape (outputs, names).
-        rest: Coordinates and rates from which the inputs are deviations, shape (2 n,).
-        command: Commands from which the outputs are deviations, shape (outputs,).
-        initial: States at the start of a run, shape (k,).
-        anti_windup: Gain of what saturation takes away in the next states, shape (k, outputs).
-        limit: Largest command that a drive takes, shape (outputs,); inf for none.
     """
 
     names: list[str]
     b: np.ndarray
     d: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class WrittenRest:
+    """What `cranedyn.export.matlab.controller_to_matlab` writes beside the matrices: the rest about
+    which a controller acts, and where its states begin and end.
+
+    The shapes are checked where the crane is known. What a file leaves out is None: then it is as
+    in a file of matrices alone.
+
+    Attributes:
+        rest: Coordinates and rates of the crane from which the inputs are deviations, z0 of the
+            file, shape (2 n,).
+        command: Commands from which the outputs are deviations, u0, shape (outputs,).
+        initial: States of the controller at the start of a run, x0, shape (k,).
+        anti_windup: Gain of what saturation takes away in the next states, shape (k, outputs).
+        limit: Largest command that a drive takes, u_limits, shape (outputs,); inf for none.
+    """
+
     rest: np.ndarray | None = None
     command: np.ndarray | None = None
     initial: np.ndarray | None = None
@@ -245,6 +261,7 @@ class StateSpace:
             for accelerations, "x_dot_command" and the like for rates.
         setpoints: Further inputs that are setpoints; None if there are none, and the controller
             goes where the setpoint of the run is.
+        written: What else a controller was written with; None for nothing.
     """
 
     a: np.ndarray
@@ -255,6 +272,7 @@ class StateSpace:
     inputs: list[str]
     outputs: list[str]
     setpoints: SetpointInputs | None = None
+    written: WrittenRest | None = None
 
     def drive(self, crane: Crane) -> Drive:
         """Return what its outputs are, by their names.
@@ -278,39 +296,43 @@ class StateSpace:
         )
 
     def controller(self, crane: Crane, about: State | Motion, dt: float = 5e-4) -> Controller:
-        """Return the controller about a rest or a motion, whose commands are fed forward.
+        """Return the controller about a rest or a motion, with the commands that hold the crane
+        there or make the motion added.
+
+        A file of `controller_to_matlab` says itself about which rest it acts, and which commands
+        hold the crane there; along a motion both are those of the motion.
 
         Args:
             crane: The crane.
             about: The rest or the motion.
             dt: Physics step of the run [s].
 
-        A file of `controller_to_matlab` says itself about which rest it acts, and which commands
-        hold the crane there; along a motion both are those of the motion.
-
         Raises:
             UnknownName: If an input is no state of the crane, or an output no command.
             CraneError: As `linear_controller`.
-            DataError: If it has setpoints that are neither fixed nor followed.
+            DataError: If its setpoint inputs neither leave it at its rest nor take it to the
+                setpoint, see `_setpoint_source`.
         """
-        own = self.setpoints
+        written = WrittenRest() if self.written is None else self.written
+        # Along a motion the deviations are those from the motion ("rest"), whatever the setpoint
+        # of the run. About a rest they follow that setpoint ("run"), unless a file says otherwise.
         setpoint: SetpointSource = "run"
-        if own is not None:
-            setpoint = self._setpoint_source(crane, own)
-            if own.rest is not None and not isinstance(about, Motion):
-                n = crane.layout.n
-                rest = finite("z0 of the controller", own.rest, (2 * n,))
-                about = State(rest[:n], rest[n:])
+        if self.setpoints is not None:
+            setpoint = self._setpoint_source(crane, self.setpoints)
         if isinstance(about, Motion):
-            # About a rest the drives go where the setpoint of the loop is; a motion has its own.
             setpoint = "rest"
             first_state = State(about.q[0], about.v[0])
         else:
+            if written.rest is not None:
+                n = crane.layout.n
+                rest = finite("z0 of the controller", written.rest, (2 * n,))
+                about = State(rest[:n], rest[n:])
             first_state = about
-        system = self if own is None else self._without_held(crane, first_state)
+        system = self if self.written is None else self._without_held(crane, first_state)
+        # Matrices alone get the usual anti-windup of `linear_controller`.
         anti_windup: AntiWindup = "observer"
-        if own is not None and own.anti_windup is not None:
-            anti_windup = own.anti_windup
+        if written.anti_windup is not None:
+            anti_windup = written.anti_windup
         controller = linear_controller(
             crane,
             system.a,
@@ -321,23 +343,24 @@ class StateSpace:
             inputs=system.inputs,
             outputs=self.outputs,
             period=self.period,
-            initial=None if own is None else own.initial,
+            initial=written.initial,
             anti_windup=anti_windup,
             setpoint=setpoint,
             drive=self.drive(crane),
             dt=dt,
         )
-        if own is not None:
-            controller = self._with_own_commands(crane, controller, own)
-        if not len(self.a) and isinstance(about, Motion):
-            # A table of gains, of which `as_velocity_command` makes one for rates.
-            return controller.tracking
-        return controller
+        controller = self._with_limits(crane, controller, written)
+        if isinstance(about, Motion):
+            # Without states it is a table of gains, which any drive takes. The limits are for the
+            # anti-windup of states.
+            return controller if len(self.a) else controller.tracking
+        return self._with_commands_at_rest(crane, controller, written)
 
     def _without_held(self, crane: Crane, state: State) -> StateSpace:
         """Return the system without the inputs that are held at a state, such as the stretch of a
-        rigid rope. They are no inputs of a controller; a file that names all states of the crane
-        has columns of zeros for them.
+        rigid rope. They are no inputs of a controller; `controller_to_matlab` names all states of
+        the crane, and writes columns of zeros for them. One that is not zero is kept, and refused
+        by `linear_controller`.
         """
         names = state_names(crane)
         held = {names[i] for i in held_states(crane, state)}
@@ -348,31 +371,45 @@ class StateSpace:
         inputs = [self.inputs[i] for i in columns]
         return replace(self, b=self.b[:, columns], d=self.d[:, columns], inputs=inputs)
 
-    def _with_own_commands(
-        self, crane: Crane, controller: LinearController, own: SetpointInputs
+    def _places(self, crane: Crane) -> list[int]:
+        """Return which drives the outputs command, by their indices."""
+        commands = input_names(crane, self.drive(crane))
+        return [commands.index(name) for name in self.outputs]
+
+    def _with_commands_at_rest(
+        self, crane: Crane, controller: LinearController, written: WrittenRest
     ) -> LinearController:
-        """Return a controller with the limits of its commands from the file, and, about a rest,
-        also with the commands there.
+        """Return a controller about a rest with the commands there that a file gives.
 
         Raises:
-            OutOfRange: If one is not finite or has another shape, or a limit is not positive.
+            OutOfRange: If one is not finite, or they have another shape.
         """
-        commands = input_names(crane, self.drive(crane))
-        places = [commands.index(name) for name in self.outputs]
+        if written.command is None:
+            return controller
+        places = self._places(crane)
         tracking = controller.tracking
-        if own.command is not None and len(tracking.feed_forward) == 1:
-            feed_forward = tracking.feed_forward.copy()
-            feed_forward[0, places] = finite("u0 of the controller", own.command, (len(places),))
-            tracking = replace(tracking, feed_forward=feed_forward)
-        states = controller.states
-        if own.limit is not None:
-            name = "u_limits of the controller"
-            limit = states.limit.copy()
-            limit[places] = as_array(name, own.limit, (len(places),))
-            if not (limit > 0.0).all():
-                raise OutOfRange(name, limit.tolist(), "> 0")
-            states = replace(states, limit=limit)
-        return replace(controller, tracking=tracking, states=states)
+        feed_forward = tracking.feed_forward.copy()
+        feed_forward[0, places] = finite("u0 of the controller", written.command, (len(places),))
+        tracking = replace(tracking, feed_forward=feed_forward)
+        return replace(controller, tracking=tracking)
+
+    def _with_limits(
+        self, crane: Crane, controller: LinearController, written: WrittenRest
+    ) -> LinearController:
+        """Return a controller with the limits of its commands that a file gives.
+
+        Raises:
+            OutOfRange: If they have another shape, or one is not positive.
+        """
+        if written.limit is None:
+            return controller
+        name = "u_limits of the controller"
+        places = self._places(crane)
+        limit = controller.states.limit.copy()
+        limit[places] = as_array(name, written.limit, (len(places),))  # inf is none
+        if not (limit > 0.0).all():
+            raise OutOfRange(name, limit.tolist(), "> 0")
+        return replace(controller, states=replace(controller.states, limit=limit))
 
     def _setpoint_source(self, crane: Crane, setpoints: SetpointInputs) -> SetpointSource:
         """Return whose positions of the drives the controller acts about: those of its rest where
@@ -393,16 +430,18 @@ class StateSpace:
         columns[:, places] = np.vstack([setpoints.b, setpoints.d])
         if not columns.any():
             return "rest"
-        # Where the drives are to stand elsewhere, the measured deviations are less by how the rest
-        # is shifted.
+        # A setpoint shifts the rest: drives stand elsewhere, and on a luffing crane the load hangs
+        # at other angles. The deviations that count are the measured ones less that shift S s, so
+        # that a system with the columns K for the states has -K S for the setpoints s.
         shift = at_rest_shifted(crane, np.eye(layout.m)).T
         by_state = np.zeros((len(columns), 2 * layout.n))
         names = state_names(crane)
+        # Other inputs, such as commands on their way, have no setpoint.
         for i, name in enumerate(self.inputs):
             if name in names:
                 by_state[:, names.index(name)] = np.append(self.b[:, i], self.d[:, i])
         expected = -by_state @ shift
-        # The writer takes the shift as a difference of two rests.
+        # The writer takes S as a difference of two rests, which rounds otherwise.
         if not np.allclose(columns, expected, rtol=1e-9, atol=1e-9 * np.abs(by_state).max()):
             raise DataError(
                 f"The columns of {', '.join(setpoints.names)} are neither zero nor those of the "
@@ -438,9 +477,10 @@ def read_state_space(file: str | Path) -> StateSpace:
     inputs and outputs; or the fields of an `ss` object, as ``s = get(K); save('k.mat', '-struct',
     's')`` writes them, with the names in InputName and OutputName.
 
-    Inputs whose names end in "_set" are setpoints of the drives, see `SetpointInputs`: so
-    `cranedyn.export.matlab.controller_to_matlab` writes a controller, with the rest about which it
-    acts.
+    Inputs whose names end in "_set" are setpoints of the drives, see `SetpointInputs`. A file of
+    MATLAB with such inputs may also have z0, u0, x0, anti_windup and u_limits, see `WrittenRest`.
+    So `cranedyn.export.matlab.controller_to_matlab` writes a controller. Without such inputs, these
+    variables may be anything of a workspace, and are not read.
 
     Raises:
         DataError: If it cannot be read, or something in it is missing or has another form.
@@ -459,61 +499,50 @@ def read_state_space(file: str | Path) -> StateSpace:
         )
     d = _matrix(file, "D", matrices.pop("D"), len(outputs), len(inputs))
     is_setpoint = np.array([name.endswith(_SETPOINT) for name in inputs])
-    measured = [name for name in inputs if not name.endswith(_SETPOINT)]
-    if not matrices:
+    if matrices:
+        missing = [key for key in "ABC" if key not in matrices]
+        if missing:
+            raise DataError(f"{file} has no {', '.join(missing)}, but others of A, B and C.")
+        count = len(_matrix(file, "A", matrices["A"], "rows", "columns"))
+        a = _matrix(file, "A", matrices["A"], count, count)
+        b = _matrix(file, "B", matrices["B"], len(a), len(inputs))
+        c = _matrix(file, "C", matrices["C"], len(outputs), len(a))
+        period = _period(file, content["dt"])
+    else:
         if content["dt"] is not None:
             raise DataError(
                 f"{file} has dt beside a gain, which has no states and so no period; leave it out."
             )
-        no_states = np.zeros((0, 0))
-        no_columns = np.zeros((len(outputs), 0))
-        no_rows = np.zeros((0, len(inputs)))
-        return StateSpace(
-            a=no_states,
-            b=no_rows[:, ~is_setpoint],
-            c=no_columns,
-            d=d[:, ~is_setpoint],
-            period=None,
-            inputs=measured,
-            outputs=outputs,
-            setpoints=_setpoint_inputs(content, inputs, no_rows, d),
-        )
-    missing = [key for key in "ABC" if key not in matrices]
-    if missing:
-        raise DataError(f"{file} has no {', '.join(missing)}, but others of A, B and C.")
-    states = len(_matrix(file, "A", matrices["A"], "k", "k"))
-    a = _matrix(file, "A", matrices["A"], states, states)
-    b = _matrix(file, "B", matrices["B"], states, len(inputs))
+        a = np.zeros((0, 0))
+        b = np.zeros((0, len(inputs)))
+        c = np.zeros((len(outputs), 0))
+        period = None
+    setpoints = None
+    written = None
+    if is_setpoint.any():
+        names = [name for name in inputs if name.endswith(_SETPOINT)]
+        setpoints = SetpointInputs(names, b[:, is_setpoint], d[:, is_setpoint])
+        written = _written_rest(content)
     return StateSpace(
         a=a,
         b=b[:, ~is_setpoint],
-        c=_matrix(file, "C", matrices["C"], len(outputs), states),
+        c=c,
         d=d[:, ~is_setpoint],
-        period=_period(file, content["dt"]),
-        inputs=measured,
+        period=period,
+        inputs=[name for name in inputs if not name.endswith(_SETPOINT)],
         outputs=outputs,
-        setpoints=_setpoint_inputs(content, inputs, b, d),
+        setpoints=setpoints,
+        written=written,
     )
 
 
-def _setpoint_inputs(
-    content: dict[str, Any], inputs: list[str], b: np.ndarray, d: np.ndarray
-) -> SetpointInputs | None:
-    """Return the inputs that are setpoints, with what belongs to them; None if there are none.
-
-    Args:
-        content: What the file holds.
-        inputs: Names of all inputs.
-        b: Their columns in the next states, shape (k, inputs).
-        d: Their columns in the commands, shape (outputs, inputs).
+def _written_rest(content: dict[str, Any]) -> WrittenRest | None:
+    """Return what a controller was written with, by the keys of what a file holds; None if there is
+    nothing.
     """
-    places = [i for i, name in enumerate(inputs) if name.endswith(_SETPOINT)]
-    if not places:
+    if all(content.get(key) is None for key in _WRITTEN_IN_MATLAB):
         return None
-    return SetpointInputs(
-        names=[inputs[i] for i in places],
-        b=b[:, places],
-        d=d[:, places],
+    return WrittenRest(
         rest=_column(content.get("z0")),
         command=_column(content.get("u0")),
         initial=_column(content.get("x0")),
@@ -529,7 +558,9 @@ def _column(value: Any) -> np.ndarray | None:
     return None if value is None else np.ravel(value)
 
 
-def _matrix(file: str | Path, key: str, value: Any, rows: int | str, columns: int | str) -> Any:
+def _matrix(
+    file: str | Path, key: str, value: Any, rows: int | str, columns: int | str
+) -> np.ndarray:
     """Return a matrix of a file, checked, shape (rows, columns).
 
     Raises:
@@ -586,7 +617,7 @@ def _json_content(file: str | Path) -> dict[str, Any]:
 
 
 def _matlab_content(file: str | Path) -> dict[str, Any]:
-    """Return what a file of MATLAB holds, by the keys of `_JSON_KEYS` and `_OWN_REST_IN_MATLAB`.
+    """Return what a file of MATLAB holds, by the keys of `_JSON_KEYS` and `_WRITTEN_IN_MATLAB`.
 
     Raises:
         DataError: If it cannot be read, or the system has delays or a matrix E.
@@ -594,7 +625,7 @@ def _matlab_content(file: str | Path) -> dict[str, Any]:
     from scipy.io import loadmat
 
     wanted = ["A", "B", "C", "D", "E", "Ts", *_NAMES_IN_MATLAB, *_NAMES_IN_MATLAB.values()]
-    wanted += [*_UNUSED_IN_MATLAB, *_OWN_REST_IN_MATLAB]
+    wanted += [*_REFUSED_IN_MATLAB, *_WRITTEN_IN_MATLAB]
     try:
         variables = loadmat(io.BytesIO(read_bytes(file)), variable_names=wanted)
     except CraneError:
@@ -605,13 +636,13 @@ def _matlab_content(file: str | Path) -> dict[str, Any]:
         ) from error
     except Exception as error:  # whatever a damaged file makes SciPy raise
         raise DataError(f"Cannot read {file}: it is no file of MATLAB ({error}).") from error
-    for name in _UNUSED_IN_MATLAB:
+    for name in _REFUSED_IN_MATLAB:
         if np.any(_numbers(variables.get(name))):
             raise DataError(f"{file} has {name}, which is not read; absorb it by absorbDelay.")
     if _numbers(variables.get("E")).size:
         raise DataError(f"{file} has a matrix E; make the system explicit by ss(…, 'explicit').")
     content: dict[str, Any] = {}
-    for key in [*"ABCD", *_OWN_REST_IN_MATLAB]:
+    for key in [*"ABCD", *_WRITTEN_IN_MATLAB]:
         content[key] = variables.get(key)
     period = _numbers(variables.get("Ts"))
     # Every `ss` object has a period, also a gain, which needs none.

@@ -303,6 +303,24 @@ def test_a_file_of_matlab_whose_setpoints_make_no_controller_is_refused(
         own.make(CRANE, rest_at_start(CRANE, PERIOD))
 
 
+def test_other_variables_of_a_workspace_do_not_belong_to_a_gain(tmp_path: Path) -> None:
+    gain = {"D": [[-1e3, 2e3]], "inputs": ["x", "phi"], "outputs": ["F_x"]}
+    variables = {"D": np.array(gain["D"])}
+    variables |= {key: cells(gain[key]) for key in ("inputs", "outputs")}
+    # Names that `controller_to_matlab` writes, and that a workspace may have for something else.
+    of_the_workspace = {"x0": "a text", "z0": np.ones((2, 2)), "u0": 7.0, "u_limits": -1.0}
+    file = tmp_path / "workspace.mat"
+    savemat(file, variables | of_the_workspace)
+    motion = rest_at_start(CRANE, PERIOD)
+    from_matlab = open_controller(str(file)).make(CRANE, motion).controller
+    from_json = open_controller(written(tmp_path, gain)).make(CRANE, motion).controller
+    state = CRANE.state(phi=0.1)
+    setpoint = Setpoint(CRANE.start.q[CRANE.layout.drives] + 0.2, np.zeros(3), np.zeros(3))
+    np.testing.assert_array_equal(
+        from_matlab(0.0, state, setpoint), from_json(0.0, state, setpoint)
+    )
+
+
 def test_a_setpoint_of_no_drive_is_refused(tmp_path: Path) -> None:
     content = {"D": [[1.0]], "inputs": ["phi_set"], "outputs": ["F_x"]}
     own = open_controller(written(tmp_path, content))
@@ -419,6 +437,9 @@ class Counting:
 def rates(crane, motion):
     return (lambda t, state, setpoint: 0.0 * setpoint.position), "velocity"
 
+def speeds(crane, motion):
+    return (lambda t, state, setpoint: 0.0 * setpoint.position), "speed"
+
 def failing(crane, motion):
     raise ValueError("no solution")
 
@@ -463,6 +484,10 @@ def test_a_function_that_makes_no_controller_says_so(program: Path) -> None:
         open_controller(f"{program}:failing").make(CRANE, motion)
     with pytest.raises(OutOfRange, match="nothing is NoneType; allowed is a controller, or a pair"):
         open_controller(f"{program}:nothing").make(CRANE, motion)
+    with pytest.raises(
+        OutOfRange, match="speeds is 'speed'; allowed is one of effort, motion, vel"
+    ):
+        open_controller(f"{program}:speeds").make(CRANE, motion)
     program.write_text("raise SystemExit(3)")
     with pytest.raises(DataError, match="cannot be run: SystemExit: 3"):
         open_controller(f"{program}:rates")
