@@ -21,6 +21,9 @@ _COUNT_WORDS = {1: "one", 2: "two", 3: "three", 4: "four", 5: "five", 6: "six"}
 ALIGNED = math.cos(1e-3)
 """Cosine of 1 mrad, the largest angle at which an axis still counts as along a direction."""
 
+LEVEL = 1e-3
+"""Vertical part of a unit axis up to which it counts as level: the same angle."""
+
 
 class Role(NamedTuple):
     """Role of a joint in a tower crane, and the joint that fits it.

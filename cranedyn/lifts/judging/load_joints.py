@@ -13,10 +13,7 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.model.crane import Crane
-from cranedyn.model.layout import ALIGNED
-
-_LEVEL = 1e-3
-"""Vertical part of a unit axis up to which it is level: 1 mrad, as `ALIGNED` has for directions."""
+from cranedyn.model.layout import ALIGNED, LEVEL
 
 
 @dataclass(frozen=True)
@@ -62,7 +59,7 @@ class LoadJoints:
             turns = layout.joints[joint].kind == "revolute"
             if turns and abs(axis[2]) >= ALIGNED:
                 slew = joint  # the last one is nearest to the ground
-            if turns or abs(axis[2]) > _LEVEL or joint == trolley:
+            if turns or abs(axis[2]) > LEVEL or joint == trolley:
                 continue
             stands = int(crane.model.parents[joint + 1]) == 0
             if stands and len(carriers) > 1:

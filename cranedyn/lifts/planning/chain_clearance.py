@@ -4,13 +4,14 @@ A place is the positions of both drives that carry the pivot, and that of the ho
 those that the URDF shows, by the joint that carries them (`cranedyn.lifts.planning.chain_bodies`).
 Each is compared with what it can meet:
 
-* Load, hook and rope with all solids, with what stands of the crane, such as the columns of its
-  runway, and with zones. A zone is only kept out of, at any distance.
-* Each link that drives move, such as a bridge with its legs or a boom, with all solids.
+* Load, hook and rope with all solids and with what stands of the crane, such as the columns of its
+  runway, by the required distance; and with zones, in which they must not be.
+* Each link that drives move, such as a bridge with its legs or a boom, with all solids, and with
+  the ground if its height changes.
 * The load with the ground, since it hangs lowest.
-* Load and hook with each of these links: a gantry's legs, or a boom. The rope begins at the last
-  of them and ends at the hook, between both. That link carries the hook: how near that may come to
-  it is the shortest cable, see `ChainClearance.shortest_cable`.
+* Load and hook with each of these links, such as a gantry's legs. The hook may come near to the
+  link that it hangs on, and the rope may run between the girders of a bridge: they must not touch.
+  Nor must that last link touch what stands.
 
 A motion is proven by bounds of how far its bodies move. A joint that turns by δ moves a point at
 the distance r from its axis by r δ at most, and one that slides by δ moves it by δ. Several joints
@@ -31,13 +32,19 @@ import coal
 import numpy as np
 
 from cranedyn.lifts.planning.chain_bodies import ChainBodies, chain_bodies
-from cranedyn.lifts.planning.clearance import ROUNDING, Clearance, OutOfReach, point_text
-from cranedyn.lifts.planning.crane_bodies import CraneParts, corners_of
+from cranedyn.lifts.planning.clearance import (
+    ROUNDING,
+    Clearance,
+    ComparedBody,
+    OutOfReach,
+    point_text,
+)
+from cranedyn.lifts.planning.crane_bodies import CraneParts, DrawnShape, corners_of
 from cranedyn.lifts.planning.fields import Body, Field, Placed
 from cranedyn.lifts.planning.hoist_chain import CarrierLines, HoistChain
 from cranedyn.lifts.planning.site import BELOW_UPPER, GROUND, HANGING, OWN_BASE, OWN_STRUCTURE
 from cranedyn.lifts.planning.solids import hull
-from cranedyn.model.layout import ALIGNED
+from cranedyn.model.layout import ALIGNED, LEVEL
 
 _GRID_POINTS = 41
 """Positions of each drive from which the drives above a point are searched."""
@@ -45,8 +52,9 @@ _GRID_POINTS = 41
 _TRIED_STARTS = 8
 """Number of the nearest of these from which the search goes on."""
 
-_SAME_PLACE = 1e-6
-"""Difference of positions up to which two solutions are one [rad or m]."""
+_RANGE_SLACK = 1e-6
+"""How far a solution may be out of the range of a drive, to whose end it is then moved [rad or m].
+"""
 
 _POSTURES = 5
 """Positions of each drive in which the shortest cable is looked for."""
@@ -57,26 +65,8 @@ _TRIED_LENGTHS = 40
 _CABLE_TOLERANCE = 1e-3
 """Accuracy of the shortest cable [m]."""
 
-_LEVEL = 1e-3
-"""Vertical part of a unit axis up to which it is level, as 1 mrad."""
-
 _PLUMB_STEP = 1e-6
 """Time over which the rate of a plumb rope is taken by a difference [s]."""
-
-
-class _HangingBody(NamedTuple):
-    """A body that hangs, with the obstacles that it keeps from.
-
-    Attributes:
-        name: "load", "hook" or "rope".
-        body: Its shape, inflated by the required distance; not inflated where it keeps out of
-            zones.
-        fields: The obstacles, in groups.
-    """
-
-    name: str
-    body: Body
-    fields: list[Field]
 
 
 class _MovingBody(NamedTuple):
@@ -111,6 +101,7 @@ class _OwnLink(NamedTuple):
     """A link of the crane as an obstacle to what hangs.
 
     Attributes:
+        name: Its name among the obstacles.
         joint: Index of the joint that carries it.
         field: Its shapes, in the frame of that joint.
         bodies: What keeps the required distance from it: the load, and the hook if it hangs on
@@ -119,10 +110,25 @@ class _OwnLink(NamedTuple):
             and otherwise the rope, which may run between two girders.
     """
 
+    name: str
     joint: int
     field: Field
     bodies: tuple[str, ...]
     touching: tuple[str, ...]
+
+
+class _Posture(NamedTuple):
+    """Where the joints of a crane have its bodies.
+
+    Attributes:
+        frames: Frames of both drives that carry the pivot, by the index of their joints.
+        load: Frame of the joint that carries the load.
+        cable: Length of the cable [m].
+    """
+
+    frames: dict[int, coal.Transform3s]
+    load: coal.Transform3s
+    cable: float
 
 
 class _Margins(NamedTuple):
@@ -147,7 +153,7 @@ class ChainClearance(Clearance):
     """A crane of a chain of joints and its site, and the distances between them."""
 
     def _refuse_other_joints(self) -> None:
-        _ = self.chain  # refuses them
+        _ = self.chain  # `HoistChain` refuses them
 
     @cached_property
     def chain(self) -> HoistChain:
@@ -166,8 +172,8 @@ class ChainClearance(Clearance):
         last = self.bodies.links.get(self.chain.carriers[1])
         if last is not None and self.bodies.standing:
             own[OWN_STRUCTURE] = (*HANGING, last.name)
-        for link in self.bodies.links.values():
-            own[f"own {link.name}"] = BELOW_UPPER if link is last else HANGING
+        for link in self._own_links:
+            own[link.name] = (*link.bodies, *link.touching)
         tipped = tuple(self.bodies.links[joint].name for joint in self._tipped_links)
         if tipped:
             own[GROUND] = tipped
@@ -208,8 +214,7 @@ class ChainClearance(Clearance):
         if link is None:
             return lowest
         field = Field(("carrier", hull(corners_of(shape))) for shape in link.shapes)
-        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
-        hook = Body(coal.Box(self.bodies.hook.size), 0.0, hook_place)
+        hook = self._body("hook", 0.0)
 
         def touches(carriers: np.ndarray, length: float) -> bool:
             q = self.q(np.array([*carriers, length]))
@@ -220,10 +225,13 @@ class ChainClearance(Clearance):
         for carriers in self._grid(_POSTURES):
             # From the longest rope upwards, to the first length at which they touch.
             lengths = np.linspace(longest, shortest, _TRIED_LENGTHS)
-            touching = next((i for i, length in enumerate(lengths) if touches(carriers, length)), 0)
+            touching = [i for i, length in enumerate(lengths) if touches(carriers, length)]
             if not touching:
                 continue
-            free, shortest = lengths[touching - 1], lengths[touching]
+            if touching[0] == 0:
+                return longest  # no rope is long enough there
+            free = lengths[touching[0] - 1]
+            shortest = lengths[touching[0]]
             while free - shortest > _CABLE_TOLERANCE:
                 middle = (free + shortest) / 2.0
                 if touches(carriers, middle):
@@ -271,7 +279,7 @@ class ChainClearance(Clearance):
         carriers = self._carriers_above(target[:2], point, label)
         pivot_height = float(self.chain.pivot(carriers[None]).point[0, 2])
         length = pivot_height - float(target[2]) - self.chain.offset
-        self._refuse_length(length, point, label)
+        self._refuse_length(length, point, label, begins="There the centre")
         return np.array([*carriers, length])
 
     def highest_place(self, point: np.ndarray, label: str, reserve: float) -> np.ndarray:
@@ -294,9 +302,9 @@ class ChainClearance(Clearance):
         low, high = self._carrier_ranges
         if self.turning is not None:
             # Newton's method may go round.
-            turns = np.floor((found[:, self.turning] - low[self.turning]) / (2.0 * math.pi))
-            found[:, self.turning] -= 2.0 * math.pi * turns
-        inside = (found >= low - _SAME_PLACE) & (found <= high + _SAME_PLACE)
+            beyond = found[:, self.turning] - low[self.turning] + _RANGE_SLACK
+            found[:, self.turning] -= 2.0 * math.pi * np.floor(beyond / (2.0 * math.pi))
+        inside = (found >= low - _RANGE_SLACK) & (found <= high + _RANGE_SLACK)
         found = np.clip(found[inside.all(axis=1)], low, high)
         if not len(found):
             raise OutOfReach(
@@ -308,21 +316,23 @@ class ChainClearance(Clearance):
                 allowed="0",
             )
         at_start = self.crane.start.q[list(self.chain.carriers)]
-        distances = np.abs((found - at_start) / np.maximum(high - low, _SAME_PLACE)).sum(axis=1)
+        ranges = np.maximum(high - low, _RANGE_SLACK)  # a drive may have none
+        distances = np.abs((found - at_start) / ranges).sum(axis=1)
         return found[int(distances.argmin())]
 
     @cached_property
     def _carrier_ranges(self) -> tuple[np.ndarray, np.ndarray]:
         """Least and largest position of both drives that carry the pivot, shape (2,) each. Of a
-        drive that turns the crane by more than a full turn they are those from -π to π.
+        drive that turns the crane by more than a full turn they are one turn, from -π on as far as
+        that is in its range.
         """
         carriers = list(self.chain.carriers)
         low = self.crane.lower[carriers].copy()
         high = self.crane.upper[carriers].copy()
         turning = self.turning
         if turning is not None and high[turning] - low[turning] > 2.0 * math.pi:
-            low[turning] = max(low[turning], -math.pi)
-            high[turning] = min(high[turning], low[turning] + 2.0 * math.pi)
+            low[turning] = min(max(low[turning], -math.pi), high[turning] - 2.0 * math.pi)
+            high[turning] = low[turning] + 2.0 * math.pi
         return low, high
 
     def _grid(self, count: int) -> np.ndarray:
@@ -331,30 +341,6 @@ class ChainClearance(Clearance):
         first = np.linspace(low[0], high[0], count)
         second = np.linspace(low[1], high[1], count)
         return np.array(list(itertools.product(first, second)))
-
-    def _refuse_length(self, length: float, point: np.ndarray, label: str) -> None:
-        """Refuse a point of the site [m], shape (3,), if the hook does not reach it with the
-        coordinate of the hoist that it needs [m]. The label names the point.
-        """
-        longest = float(self.crane.upper[self.hoist])
-        if self.shortest_cable <= length <= longest:
-            return
-        above = float(point[2]) - self.site.ground
-        highest = above + length - self.shortest_cable
-        lowest = above + length - longest
-        if above > highest:
-            reach = f"up to {highest:.2f}"
-            change = f"Lower the {label}, or take a taller crane"
-        else:
-            reach = f"down to {lowest:.2f}"
-            change = f"Raise the {label}, or take a crane with a longer rope"
-        raise OutOfReach(
-            f"There the centre of this load gets {reach} m above the ground; the {label} at "
-            f"{point_text(point)} is {above:.2f} m above it. {change}.",
-            name="height of the centre of the load",
-            value=above,
-            allowed=f"{lowest:.2f} to {highest:.2f}",
-        )
 
     def point(self, drive_position: np.ndarray) -> np.ndarray:
         """See `Clearance`."""
@@ -487,10 +473,7 @@ class ChainClearance(Clearance):
     @cached_property
     def _tipping(self) -> list[int]:
         """Indices of the drives that turn the pivot about another axis than the vertical."""
-        turning = [joint for joint in self.chain.carriers if self.chain.turns(joint)]
-        if self.turning is not None:
-            turning.remove(self.chain.carriers[self.turning])
-        return turning
+        return [joint for joint in self.chain.carriers if self.chain.tips(joint)]
 
     def _lines(self, carriers: np.ndarray) -> CarrierLines | None:
         """Return the axes of both drives that carry the pivot at positions of shape (rows, 2); None
@@ -577,15 +560,20 @@ class ChainClearance(Clearance):
 
     def margin(self, q: np.ndarray, envelope: float = 0.0) -> float:
         """See `Clearance`. The envelope is that of what hangs; drives and not the swing move the
-        other bodies. With an envelope, as in the search for a motion, `_touching` is left out: it
-        is asked of coordinates as they are, which a certificate proves.
+        other bodies.
+
+        With an envelope, as in the search for a motion, `_touching` is left out: near the pivot a
+        rope moves aside far less than the envelope says. A certificate asks without one, of the
+        coordinates that a simulated run has.
         """
         if not np.isfinite(q).all():
             return -math.inf
-        hanging, zones, structure, contact = self._margins_of_bodies(q, contacts=envelope == 0.0)
+        is_as_it_is = envelope == 0.0
+        hanging, zones, structure, contact = self._margins_of_bodies(q, contacts=is_as_it_is)
         return min(hanging - envelope, zones - envelope, structure, contact) - ROUNDING
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
+        """See `Clearance`."""
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
         hanging, zones, structure, contact = self._margins_of_bodies(q)
@@ -597,7 +585,9 @@ class ChainClearance(Clearance):
         zones = math.inf
         structure = math.inf
         contact = math.inf
-        for name, field, moving in itertools.chain(self._placed(q), self._placed_near_own(q)):
+        posture = self._posture(q)
+        beside = (self._beside_obstacles(posture), self._beside_own_links(posture))
+        for name, field, moving in itertools.chain(*beside):
             least = field.least(moving)
             if name not in HANGING:
                 structure = min(structure, least)
@@ -605,7 +595,7 @@ class ChainClearance(Clearance):
                 zones = min(zones, least)
             else:
                 hanging = min(hanging, least)
-        for _, field, moving in self._touching(q) if contacts else ():
+        for field, moving in self._touching(posture) if contacts else ():
             contact = min(contact, field.least(moving))
         return _Margins(hanging, zones, structure, contact)
 
@@ -635,8 +625,8 @@ class ChainClearance(Clearance):
             OWN_STRUCTURE: len(self.bodies.standing),
             OWN_BASE: int(self.site.base is not None),
         }
-        for link in self.bodies.links.values():
-            counts[f"own {link.name}"] = len(link.shapes)
+        for link in self._own_links:
+            counts[link.name] = len(link.field)
         return counts
 
     def out_of_range(self) -> Iterator[tuple[str, str]]:
@@ -652,42 +642,15 @@ class ChainClearance(Clearance):
     @cached_property
     def _solids(self) -> Field:
         """All solids but zones."""
-        return Field(self._shapes_of([solid for solid in self.solids if not solid.zone]))
+        return Field(self._solid_shapes)
 
     @cached_property
-    def _hanging(self) -> list[_HangingBody]:
-        """Bodies that hang, with what they keep from. Bodies that are not inflated keep out of
-        zones, which need no distance. A body that keeps from nothing is left out.
-        """
+    def _hanging(self) -> list[ComparedBody]:
+        """What hangs, with what it keeps from."""
         standing = [(OWN_STRUCTURE, hull(corners)) for corners in self.bodies.standing]
         if self.site.base is not None:
             standing.append((OWN_BASE, hull(self.site.base_corners)))
-        solids = self._shapes_of([solid for solid in self.solids if not solid.zone])
-        at_rest = Field([*solids, *standing])
-        zones = Field(self._shapes_of([solid for solid in self.solids if solid.zone]))
-        level = self.site.ground - float(self.site.foot[2])
-        ground = Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))])
-        if any(part.obstacle == GROUND for part in self.contacts):
-            ground = Field([])
-        distance = self.site.distance
-        load = hull(self.bodies.load)
-        hook = coal.Box(self.bodies.hook.size)
-        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
-        rope = coal.Capsule(self.bodies.falls, 1.0)  # stretched to its length where it is placed
-        bodies = [
-            _HangingBody("rope", Body(rope, distance), [at_rest]),
-            _HangingBody("hook", Body(hook, distance, hook_place), [at_rest]),
-            _HangingBody("load", Body(load, distance), [at_rest, ground]),
-            _HangingBody("rope", Body(rope, 0.0), [zones]),
-            _HangingBody("hook", Body(hook, 0.0, hook_place), [zones]),
-            _HangingBody("load", Body(load, 0.0), [zones]),
-        ]
-        hanging = []
-        for candidate in bodies:
-            not_empty = [field for field in candidate.fields if len(field)]
-            if not_empty:
-                hanging.append(candidate._replace(fields=not_empty))
-        return hanging
+        return self._hanging_bodies(Field([*self._solid_shapes, *standing]))
 
     @cached_property
     def _moving(self) -> list[_MovingBody]:
@@ -695,33 +658,27 @@ class ChainClearance(Clearance):
         moving = []
         for joint, link in self.bodies.links.items():
             for shape in link.shapes:
-                within = coal.Transform3s(shape.rotation, shape.translation)
-                body = Body(shape.geometry, self.site.distance, within)
+                body = _body_of_shape(shape, self.site.distance)
                 moving.append(_MovingBody(link.name, joint, body))
         return moving
 
     @cached_property
     def _own_links(self) -> list[_OwnLink]:
-        """The links that drives move, as obstacles to load and hook."""
+        """The links that drives move, as obstacles to what hangs."""
         links = []
         for joint, link in self.bodies.links.items():
             name = f"own {link.name}"
             field = Field((name, hull(corners_of(shape))) for shape in link.shapes)
-            carries_rope = joint == self.chain.carriers[1]
-            bodies = ("load",) if carries_rope else BELOW_UPPER
-            links.append(_OwnLink(joint, field, bodies, ("hook" if carries_rope else "rope",)))
+            if joint == self.chain.carriers[1]:
+                links.append(_OwnLink(name, joint, field, bodies=("load",), touching=("hook",)))
+            else:
+                links.append(_OwnLink(name, joint, field, bodies=BELOW_UPPER, touching=("rope",)))
         return links
 
     @cached_property
     def _standing_field(self) -> Field:
         """What stands of the crane, but for its base."""
         return Field((OWN_STRUCTURE, hull(corners)) for corners in self.bodies.standing)
-
-    @cached_property
-    def _ground(self) -> Field:
-        """The ground of the site."""
-        level = self.site.ground - float(self.site.foot[2])
-        return Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))])
 
     @cached_property
     def _tipped_links(self) -> list[int]:
@@ -738,85 +695,81 @@ class ChainClearance(Clearance):
         axis = self.crane.layout.joints[joint].axis
         if self.chain.turns(joint):
             return joint in self._tipping
-        return abs(axis[2]) > _LEVEL or any(carrier < joint for carrier in self._tipping)
+        return abs(axis[2]) > LEVEL or any(carrier < joint for carrier in self._tipping)
 
     @cached_property
     def _not_inflated(self) -> dict[str, Body]:
         """Hook and rope, for links that they must not touch."""
-        hook = self.bodies.hook
-        hook_place = coal.Transform3s(np.eye(3), hook.centre)
-        return {
-            "hook": Body(coal.Box(hook.size), 0.0, hook_place),
-            "rope": Body(coal.Capsule(self.bodies.falls, 1.0), 0.0),
-        }
+        return {name: self._body(name, 0.0) for name in ("hook", "rope")}
 
     @cached_property
     def _last_link(self) -> list[Body]:
         """Shapes of the link that carries the rope, not inflated."""
         link = self.bodies.links.get(self.chain.carriers[1])
-        bodies = []
-        for shape in [] if link is None else link.shapes:
-            within = coal.Transform3s(shape.rotation, shape.translation)
-            bodies.append(Body(shape.geometry, 0.0, within))
-        return bodies
+        return [] if link is None else [_body_of_shape(shape, 0.0) for shape in link.shapes]
 
     @cached_property
     def _load_and_hook(self) -> dict[str, Body]:
         """Load and hook, for distances from the links of the crane itself."""
-        distance = self.site.distance
-        hook = self.bodies.hook
-        hook_place = coal.Transform3s(np.eye(3), hook.centre)
-        return {
-            "load": Body(hull(self.bodies.load), distance),
-            "hook": Body(coal.Box(hook.size), distance, hook_place),
-        }
+        return {name: self._body(name, self.site.distance) for name in ("load", "hook")}
 
-    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+    def _posture(self, q: np.ndarray) -> _Posture:
+        """Return where the joints have the bodies at coordinates, shape (n,)."""
         first, second = self.chain.carriers
         first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
         frames = {first: first_frame, second: second_frame}
-        length = float(self.cable(q))
+        return _Posture(frames, load, float(self.cable(q)))
+
+    def _placed(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """See `Clearance`."""
+        return self._beside_obstacles(self._posture(q))
+
+    def _placed_near_own(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """See `Clearance`. The links whose height changes come with the ground."""
+        return self._beside_own_links(self._posture(q))
+
+    def _beside_obstacles(self, posture: _Posture) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield what hangs and the links that drives move, as `_placed`."""
         for name, body, fields in self._hanging:
             if name == "rope":
-                body.stretch(length)
-            placed = body.put(load)
+                body.stretch(posture.cable)
+            placed = body.put(posture.load)
             for field in fields:
                 yield name, field, placed
         if not len(self._solids):
             return
         for link, joint, body in self._moving:
-            yield link, self._solids, body.put(frames[joint])
+            yield link, self._solids, body.put(posture.frames[joint])
 
-    def _placed_near_own(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        first, second = self.chain.carriers
-        first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
-        frames = {first: first_frame, second: second_frame}
+    def _beside_own_links(self, posture: _Posture) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield what keeps its distance from links of the crane, as `_placed_near_own`."""
         for own in self._own_links:
-            relative = frames[own.joint].inverse() * load
+            relative = posture.frames[own.joint].inverse() * posture.load
             for name in own.bodies:
                 yield name, own.field, self._load_and_hook[name].put(relative)
-        for joint in self._tipped_links:
-            for link, of_joint, body in self._moving:
-                if of_joint == joint:
-                    yield link, self._ground, body.put(frames[joint])
+        for link, joint, body in self._moving:
+            if joint in self._tipped_links:
+                yield link, self._ground, body.put(posture.frames[joint])
 
-    def _touching(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield what must not touch, and of which no distance is required, as `_placed_near_own`:
-        the rope and links above it, the hook and the link that it hangs on, that link and what
-        stands.
+    def _touching(self, posture: _Posture) -> Iterator[tuple[Field, Placed]]:
+        """Yield what must not touch, and of which no distance is required, with what it must not
+        touch: the rope and links above it, the hook and the link that it hangs on, that link and
+        what stands.
         """
-        first, second = self.chain.carriers
-        first_frame, second_frame, load = self._frames(q, first, second, self.hoist)
-        frames = {first: first_frame, second: second_frame}
-        length = float(self.cable(q))
         for own in self._own_links:
-            relative = frames[own.joint].inverse() * load
+            relative = posture.frames[own.joint].inverse() * posture.load
             for name in own.touching:
                 body = self._not_inflated[name]
                 if name == "rope":
-                    body.stretch(length)
-                yield name, own.field, body.put(relative)
+                    body.stretch(posture.cable)
+                yield own.field, body.put(relative)
         if not len(self._standing_field):
             return
         for body in self._last_link:
-            yield "link", self._standing_field, body.put(second_frame)
+            yield self._standing_field, body.put(posture.frames[self.chain.carriers[1]])
+
+
+def _body_of_shape(shape: DrawnShape, inflated: float) -> Body:
+    """Return a shape of a link in the frame of its joint, inflated by a distance [m]."""
+    within = coal.Transform3s(shape.rotation, shape.translation)
+    return Body(shape.geometry, inflated, within)

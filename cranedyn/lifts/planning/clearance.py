@@ -19,7 +19,7 @@ import itertools
 import math
 import threading
 from abc import ABC, abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import InitVar, dataclass, replace
 from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self, TypeVar
@@ -30,9 +30,9 @@ import pinocchio as pin
 
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.lifts.planning.crane_bodies import CraneParts, HangingBodies
-from cranedyn.lifts.planning.fields import Field, Placed
-from cranedyn.lifts.planning.site import Site
-from cranedyn.lifts.planning.solids import Solid
+from cranedyn.lifts.planning.fields import Body, Field, Placed
+from cranedyn.lifts.planning.site import GROUND, Site
+from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.model.crane import Crane
 
 ROUNDING = 1e-4
@@ -112,6 +112,33 @@ class NearestPoints(NamedTuple):
     on_body: np.ndarray
     on_obstacle: np.ndarray
     normal: np.ndarray
+
+
+class ComparedBody(NamedTuple):
+    """A body with the obstacles that it keeps from.
+
+    Attributes:
+        name: "load", "hook", "rope", or "trolley" of a tower crane.
+        body: Its shape, inflated by the required distance; not inflated where it keeps out of
+            zones.
+        fields: The obstacles, in groups.
+    """
+
+    name: str
+    body: Body
+    fields: list[Field]
+
+
+def keeping(bodies: Iterable[ComparedBody]) -> list[ComparedBody]:
+    """Return bodies without groups of obstacles that are empty, and without those that then keep
+    from nothing.
+    """
+    compared = []
+    for candidate in bodies:
+        not_empty = [field for field in candidate.fields if len(field)]
+        if not_empty:
+            compared.append(candidate._replace(fields=not_empty))
+    return compared
 
 
 @dataclass(frozen=True, eq=False)
@@ -500,6 +527,78 @@ class Clearance(ABC):
         with.
         """
         return iter(())
+
+    @cached_property
+    def _solid_shapes(self) -> list[tuple[str, coal.CollisionGeometry]]:
+        """Shapes of all solids but zones, each with the name of its solid."""
+        return self._shapes_of([solid for solid in self.solids if not solid.zone])
+
+    @cached_property
+    def _zones(self) -> Field:
+        """The zones to keep out of."""
+        return Field(self._shapes_of([solid for solid in self.solids if solid.zone]))
+
+    @cached_property
+    def _ground(self) -> Field:
+        """The ground of the site; empty where the load stands on it, see `contacts`."""
+        if any(part.obstacle == GROUND for part in self.contacts):
+            return Field([])
+        level = self.site.ground - float(self.site.foot[2])
+        return Field([(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))])
+
+    def _body(self, name: str, inflated: float) -> Body:
+        """Return load, hook or rope, inflated by a distance [m], in the frame of the joint that
+        carries the load. The rope is stretched to its length where it is placed.
+        """
+        if name == "load":
+            return Body(hull(self.bodies.load), inflated)
+        if name == "rope":
+            return Body(coal.Capsule(self.bodies.falls, 1.0), inflated)
+        hook = self.bodies.hook
+        hook_place = coal.Transform3s(np.eye(3), hook.centre)
+        return Body(coal.Box(hook.size), inflated, hook_place)
+
+    def _hanging_bodies(self, at_rest: Field) -> list[ComparedBody]:
+        """Return what hangs with what it keeps from: obstacles at rest and, of the load, the ground
+        by the required distance, and zones, which need none.
+        """
+        compared = []
+        for name in ("rope", "hook", "load"):
+            fields = [at_rest, self._ground] if name == "load" else [at_rest]
+            compared.append(ComparedBody(name, self._body(name, self.site.distance), fields))
+        for name in ("rope", "hook", "load"):
+            compared.append(ComparedBody(name, self._body(name, 0.0), [self._zones]))
+        return keeping(compared)
+
+    def _refuse_length(
+        self, length: float, point: np.ndarray, label: str, *, begins: str = "The centre"
+    ) -> None:
+        """Refuse a point of the site [m], shape (3,), if the hook does not reach it with the
+        coordinate of the hoist that it needs [m]. The label names the point, and the sentence
+        begins as said.
+
+        Raises:
+            OutOfReach: With the heights that the load reaches.
+        """
+        longest = float(self.crane.upper[self.hoist])
+        if self.shortest_cable <= length <= longest:
+            return
+        above = float(point[2]) - self.site.ground
+        highest = above + length - self.shortest_cable
+        lowest = above + length - longest
+        if above > highest:
+            reach = f"up to {highest:.2f}"
+            change = f"Lower the {label}, or take a taller crane"
+        else:
+            reach = f"down to {lowest:.2f}"
+            change = f"Raise the {label}, or take a crane with a longer rope"
+        raise OutOfReach(
+            f"{begins} of this load gets {reach} m above the ground; the {label} at "
+            f"{point_text(point)} is {above:.2f} m above it. {change}.",
+            name="height of the centre of the load",
+            value=above,
+            allowed=f"{lowest:.2f} to {highest:.2f}",
+        )
 
     @staticmethod
     def _shapes_of(solids: list[Solid]) -> list[tuple[str, coal.CollisionGeometry]]:

@@ -229,6 +229,10 @@ class HoistChain:
             return np.broadcast_to(axis, (len(carriers), 3))
         return _rotations(self._axes[self.carriers[0]], carriers[:, 0]) @ axis
 
+    def tips(self, joint: int) -> bool:
+        """Return whether a joint turns what it carries about another axis than the vertical."""
+        return self.turns(joint) and abs(float(self._axes[joint][2])) < ALIGNED
+
     def turns(self, joint: int) -> bool:
         """Return whether a joint turns what it carries."""
         return self.crane.layout.joints[joint].kind == "revolute"
@@ -275,9 +279,7 @@ class HoistChain:
     @cached_property
     def _stays_level(self) -> bool:
         """Whether no drive that carries the pivot turns it about another axis than the vertical."""
-        return all(
-            not self.turns(joint) or abs(self._axes[joint][2]) >= ALIGNED for joint in self.carriers
-        )
+        return not any(self.tips(joint) for joint in self.carriers)
 
     def _attitude(self, carriers: np.ndarray) -> np.ndarray:
         """Return `PivotMotion.attitude` alone at positions of shape (rows, 2)."""

@@ -24,7 +24,14 @@ from typing import ClassVar, NamedTuple
 import coal
 import numpy as np
 
-from cranedyn.lifts.planning.clearance import ROUNDING, Clearance, OutOfReach, point_text
+from cranedyn.lifts.planning.clearance import (
+    ROUNDING,
+    Clearance,
+    ComparedBody,
+    OutOfReach,
+    keeping,
+    point_text,
+)
 from cranedyn.lifts.planning.crane_bodies import (
     CollisionBodies,
     CraneParts,
@@ -33,7 +40,7 @@ from cranedyn.lifts.planning.crane_bodies import (
     refuse_other_kinematics,
 )
 from cranedyn.lifts.planning.fields import Body, Field, Placed
-from cranedyn.lifts.planning.site import BELOW_UPPER, GROUND, HANGING, MAST, OWN_BASE, OWN_UPPER
+from cranedyn.lifts.planning.site import BELOW_UPPER, HANGING, MAST, OWN_BASE, OWN_UPPER
 from cranedyn.lifts.planning.solids import hull
 from cranedyn.references.flat import recover
 
@@ -48,21 +55,6 @@ class Joints(NamedTuple):
     hoist: int
 
 
-class _HangingBody(NamedTuple):
-    """A body that hangs, or the trolley, with the obstacles that it keeps from.
-
-    Attributes:
-        name: "load", "hook", "rope" or "trolley".
-        body: Its shape, inflated by the required distance; not inflated where it keeps out of
-            zones.
-        fields: The obstacles, in groups.
-    """
-
-    name: str
-    body: Body
-    fields: list[Field]
-
-
 @dataclass(frozen=True, eq=False)
 class _Fields:
     """Obstacles of a site in the frame of the crane, by what keeps from them.
@@ -71,15 +63,11 @@ class _Fields:
         solids: All solids but zones.
         tall_solids: Solids that reach up to where the trolley may come close to them.
         solids_and_mast: All solids but zones, and the crane's own mast and base.
-        zones: Zones to keep out of.
-        ground: The ground; empty where the load stands on it, see `Clearance.contacts`.
     """
 
     solids: Field
     tall_solids: Field
     solids_and_mast: Field
-    zones: Field
-    ground: Field
 
 
 @dataclass(frozen=True, eq=False)
@@ -189,30 +177,6 @@ class TowerClearance(Clearance):
             name="distance from the slew axis",
             value=radius,
             allowed=f"{inner:g} to {outer:g}",
-        )
-
-    def _refuse_length(self, length: float, point: np.ndarray, label: str) -> None:
-        """Refuse a point of the site [m], shape (3,), if the hook does not reach it with the cable
-        length that it needs [m]. The label names the point.
-        """
-        longest = float(self.crane.upper[self.joints.hoist])
-        if self.shortest_cable <= length <= longest:
-            return
-        above = float(point[2]) - self.site.ground
-        highest = above + length - self.shortest_cable
-        lowest = above + length - longest
-        if above > highest:
-            reach = f"up to {highest:.2f}"
-            change = f"Lower the {label}, or take a taller crane"
-        else:
-            reach = f"down to {lowest:.2f}"
-            change = f"Raise the {label}, or take a crane with a longer rope"
-        raise OutOfReach(
-            f"The centre of this load gets {reach} m above the ground; the {label} at "
-            f"{point_text(point)} is {above:.2f} m above it. {change}.",
-            name="height of the centre of the load",
-            value=above,
-            allowed=f"{lowest:.2f} to {highest:.2f}",
         )
 
     def highest_place(self, point: np.ndarray, label: str, reserve: float) -> np.ndarray:
@@ -400,8 +364,7 @@ class TowerClearance(Clearance):
     @cached_property
     def _fields(self) -> _Fields:
         """The obstacles, by what keeps from them."""
-        solids = self._shapes_of([solid for solid in self.solids if not solid.zone])
-        zones = self._shapes_of([solid for solid in self.solids if solid.zone])
+        solids = self._solid_shapes
 
         # The trolley is at a constant height: solids that end far enough below it never come close
         # to it. Margins count with the envelope of the longest cable, so that it is deducted, too.
@@ -415,47 +378,20 @@ class TowerClearance(Clearance):
         mast = [(MAST, hull(corners)) for corners in self.bodies.mast]
         if self.site.base is not None:
             mast.append((OWN_BASE, hull(self.site.base_corners)))
-
-        level = self.site.ground - float(self.site.foot[2])
-        ground = [(GROUND, coal.Halfspace(np.array([0.0, 0.0, 1.0]), level))]
-        if any(part.obstacle == GROUND for part in self.contacts):
-            ground = []
         return _Fields(
             solids=Field(solids),
             tall_solids=Field((name, shape) for name, shape in solids if name in tall),
             solids_and_mast=Field([*solids, *mast]),
-            zones=Field(zones),
-            ground=Field(ground),
         )
 
     @cached_property
-    def _hanging(self) -> list[_HangingBody]:
-        """Bodies that hang and the trolley, with what they keep from. Bodies that are not inflated
-        keep out of zones, which need no distance. A body that keeps from nothing is left out.
-        """
-        fields = self._fields
-        distance = self.site.distance
-        load = hull(self.bodies.load)
-        hook = coal.Box(self.bodies.hook.size)
-        hook_place = coal.Transform3s(np.eye(3), self.bodies.hook.centre)
-        trolley = coal.Box(self.bodies.trolley.size)
-        trolley_place = coal.Transform3s(np.eye(3), self.bodies.trolley.centre)
-        rope = coal.Capsule(self.bodies.falls, 1.0)  # stretched to its length where it is placed
-        bodies = [
-            _HangingBody("trolley", Body(trolley, distance, trolley_place), [fields.tall_solids]),
-            _HangingBody("rope", Body(rope, distance), [fields.solids_and_mast]),
-            _HangingBody("hook", Body(hook, distance, hook_place), [fields.solids_and_mast]),
-            _HangingBody("load", Body(load, distance), [fields.solids_and_mast, fields.ground]),
-            _HangingBody("rope", Body(rope, 0.0), [fields.zones]),
-            _HangingBody("hook", Body(hook, 0.0, hook_place), [fields.zones]),
-            _HangingBody("load", Body(load, 0.0), [fields.zones]),
-        ]
-        hanging = []
-        for candidate in bodies:
-            not_empty = [field for field in candidate.fields if len(field)]
-            if not_empty:
-                hanging.append(candidate._replace(fields=not_empty))
-        return hanging
+    def _hanging(self) -> list[ComparedBody]:
+        """The trolley and what hangs, with what they keep from."""
+        shape = coal.Box(self.bodies.trolley.size)
+        place = coal.Transform3s(np.eye(3), self.bodies.trolley.centre)
+        body = Body(shape, self.site.distance, place)
+        trolley = ComparedBody("trolley", body, [self._fields.tall_solids])
+        return [*keeping([trolley]), *self._hanging_bodies(self._fields.solids_and_mast)]
 
     @cached_property
     def _slewing_bodies(self) -> list[Body]:
@@ -506,13 +442,7 @@ class TowerClearance(Clearance):
         """Load and hook, for distances from `_low_upper_parts`. The rope needs none: it begins at
         the trolley, which is never where these parts are, and ends at the hook.
         """
-        distance = self.site.distance
-        hook = self.bodies.hook
-        hook_place = coal.Transform3s(np.eye(3), hook.centre)
-        return [
-            ("load", Body(hull(self.bodies.load), distance)),
-            ("hook", Body(coal.Box(hook.size), distance, hook_place)),
-        ]
+        return [(name, self._body(name, self.site.distance)) for name in ("load", "hook")]
 
     def _gap_by_height(self, q: np.ndarray) -> float:
         """Return a lower bound of the margin of load and hook to `_low_upper_parts` [m]: that of

@@ -436,7 +436,9 @@ def test_a_hook_does_not_enter_what_hangs_from_the_link_above_it(tmp_path: Path)
     assert asked.shortest_cable > ChainClearance(crane("portal"), asked.site).shortest_cable
     for luff in (0.5, 0.925):
         q = asked.q(np.column_stack([0.0 * lengths, 0.0 * lengths + luff, lengths]))
-        contacts = [field.least(body) for row in q for _, field, body in asked._touching(row)]
+        contacts = [
+            field.least(body) for row in q for field, body in asked._touching(asked._posture(row))
+        ]
         assert min(contacts) > 0.0
     below = asked.q(np.array([0.0, 0.5, 9.5]))  # the hook is in the deck
     assert asked.margin(below) < 0.0
