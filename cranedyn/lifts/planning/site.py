@@ -16,6 +16,7 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, number, within
 from cranedyn.errors import DataError, quoted
+from cranedyn.lifts.planning.plan_details import PlanDetails
 from cranedyn.lifts.planning.solids import Solid, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.model.description import XACRO
@@ -278,6 +279,7 @@ class Site(ShortRepr):
             `cranedyn.lifts.planning.perturbed.Spread`; empty for its defaults.
         chart: File of the crane's load chart, or the name of one that is shipped; None if unknown.
         falls: Number of falls that carry the hook; None if unknown.
+        details: What a lift plan says beside the motion, such as job, people and slings.
         entered: Fields that somebody entered, such as "[lift] swing". A value that equals the
             default of this program counts as entered only if it is listed here.
         unusual: Sentences about values that are unusual, see
@@ -308,6 +310,7 @@ class Site(ShortRepr):
     spread: Mapping[str, float] = field(default_factory=dict)
     chart: Path | str | None = None
     falls: int | None = None
+    details: PlanDetails = field(default_factory=PlanDetails)
     entered: frozenset[str] = frozenset()
     unusual: tuple[str, ...] = ()
 
