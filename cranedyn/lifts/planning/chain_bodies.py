@@ -21,6 +21,7 @@ from cranedyn.lifts.planning.crane_bodies import (
     corners_of,
     drawn_payload,
     hook_turn,
+    read_shapes,
     small_hook,
 )
 from cranedyn.lifts.planning.site import HANGING
@@ -175,56 +176,11 @@ def _shapes_by_joint(crane: Crane) -> dict[int, list[DrawnShape]]:
     link with shapes for collisions these, else those that are drawn.
 
     Raises:
-        ModelError: If a link shows another shape, one without a size, or one that Pinocchio's
-            reader left out.
+        ModelError: As `cranedyn.lifts.planning.crane_bodies.read_shapes`.
     """
     robot = ET.fromstring(crane.urdf)
-    expected = 0
     for link in robot.iterfind("link"):
-        kind = "collision" if link.find("collision") is not None else "visual"
-        for other in {"collision", "visual"} - {kind}:
-            for element in link.findall(other):
+        if link.find("collision") is not None:
+            for element in link.findall("visual"):
                 link.remove(element)
-        for element in link.findall(kind):
-            _check_shape(element, link.get("name", ""))
-            expected += 1
-    text = ET.tostring(robot, encoding="unicode")
-    shapes: dict[int, list[DrawnShape]] = {}
-    for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
-        for shape in pin.buildGeomFromUrdfString(crane.model, text, kind).geometryObjects:
-            placement = shape.placement
-            drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
-            shapes.setdefault(int(shape.parentJoint), []).append(drawn)
-    found = sum(len(of_joint) for of_joint in shapes.values())
-    if found != expected:
-        raise ModelError(
-            f"Of {expected} shapes of the crane {found} could be read; check each <geometry> and "
-            "<origin> of its description."
-        )
-    return shapes
-
-
-def _check_shape(element: ET.Element, link: str) -> None:
-    """Refuse a shape that clearance does not know, or that has no size.
-
-    Raises:
-        ModelError: With the link and the shape.
-    """
-    geometry = element.find("geometry")
-    shape = None if geometry is None or not len(geometry) else geometry[0]
-    sizes = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
-    if shape is None or shape.tag not in sizes:
-        shown = "no shape" if shape is None else f"a {shape.tag}"
-        raise ModelError(
-            f"The link {link} of the crane shows {shown}; clearance needs boxes, cylinders or "
-            "spheres. Draw them as <collision> of that link."
-        )
-    words = " ".join(shape.get(name, "") for name in sizes[shape.tag]).split()
-    try:
-        has_size = len(words) > 0 and all(float(word) > 0.0 for word in words)
-    except ValueError:
-        has_size = False
-    if not has_size:
-        raise ModelError(
-            f"A {shape.tag} of the link {link} of the crane has a size that is not above 0."
-        )
+    return read_shapes(crane, robot, "Draw them as <collision> of that link.")

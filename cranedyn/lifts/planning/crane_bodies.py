@@ -173,7 +173,8 @@ def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionB
     Raises:
         MissingRole: If it is not a tower crane.
         ModelError: If it moves in other joints, too, or otherwise than a tower crane, see
-            `refuse_other_kinematics`; or the URDF shows a mesh, or no shapes where one is needed.
+            `refuse_other_kinematics`; if a shape cannot be read, see `read_shapes`; or if the URDF
+            shows no shapes where one is needed.
     """
     refuse_other_kinematics(crane)
     slew, trolley, radial, tangential, hoist = crane.layout.tower("Clearance")
@@ -387,20 +388,73 @@ def _shapes(crane: Crane) -> dict[int, list[DrawnShape]]:
     carries them; 0 is the world.
 
     Raises:
-        ModelError: If it shows a mesh.
+        ModelError: As `read_shapes`.
     """
-    urdf = crane.urdf
-    if ET.fromstring(urdf).find(".//geometry/mesh") is not None:
-        raise ModelError(
-            "The URDF of the crane shows a mesh; clearance needs boxes, cylinders or spheres."
-        )
+    return read_shapes(crane, ET.fromstring(crane.urdf))
+
+
+def read_shapes(crane: Crane, robot: ET.Element, advice: str = "") -> dict[int, list[DrawnShape]]:
+    """Return all shapes that links show, by the joint of Pinocchio that carries them; 0 is the
+    world.
+
+    Pinocchio's reader leaves out a shape that it cannot read, such as one without a size. A body
+    that is left out would count as no body, so that such shapes are refused.
+
+    Args:
+        crane: The crane.
+        robot: The element ``<robot>`` of its URDF, with the shapes that count.
+        advice: A sentence that errors about other shapes end with.
+
+    Raises:
+        ModelError: If a link shows another shape than a box, a cylinder or a sphere, one without a
+            size, or one that Pinocchio's reader left out.
+    """
+    expected = 0
+    for link in robot.iterfind("link"):
+        for element in [*link.findall("visual"), *link.findall("collision")]:
+            _check_shape(element, link.get("name", ""), advice)
+            expected += 1
+    text = ET.tostring(robot, encoding="unicode")
     shapes: dict[int, list[DrawnShape]] = {}
     for kind in (pin.GeometryType.VISUAL, pin.GeometryType.COLLISION):
-        for shape in pin.buildGeomFromUrdfString(crane.model, urdf, kind).geometryObjects:
+        for shape in pin.buildGeomFromUrdfString(crane.model, text, kind).geometryObjects:
             placement = shape.placement
             drawn = DrawnShape(shape.geometry, placement.rotation, placement.translation)
             shapes.setdefault(int(shape.parentJoint), []).append(drawn)
+    found = sum(len(of_joint) for of_joint in shapes.values())
+    if found != expected:
+        raise ModelError(
+            f"Of {expected} shapes of the crane {found} could be read; check each <geometry> and "
+            "<origin> of its description."
+        )
     return shapes
+
+
+def _check_shape(element: ET.Element, link: str, advice: str) -> None:
+    """Refuse a shape that clearance does not know, or that has no size; see `read_shapes`.
+
+    Raises:
+        ModelError: With the link and the shape.
+    """
+    geometry = element.find("geometry")
+    shape = None if geometry is None or not len(geometry) else geometry[0]
+    sizes = {"box": ("size",), "cylinder": ("radius", "length"), "sphere": ("radius",)}
+    if shape is None or shape.tag not in sizes:
+        shown = "no shape" if shape is None else f"a {shape.tag}"
+        sentence = (
+            f"The link {link} of the crane shows {shown}; clearance needs boxes, cylinders or "
+            "spheres."
+        )
+        raise ModelError(f"{sentence} {advice}".rstrip())
+    words = " ".join(shape.get(name, "") for name in sizes[shape.tag]).split()
+    try:
+        has_size = len(words) > 0 and all(float(word) > 0.0 for word in words)
+    except ValueError:
+        has_size = False
+    if not has_size:
+        raise ModelError(
+            f"A {shape.tag} of the link {link} of the crane has a size that is not above 0."
+        )
 
 
 def corners_of(shape: DrawnShape) -> np.ndarray:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import math
+import xml.etree.ElementTree as ET
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,12 @@ from numpy.testing import assert_allclose
 from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.clearance import ROUNDING, Clearance
 from cranedyn.lifts.planning.clearance_of import clearance_of
-from cranedyn.lifts.planning.crane_bodies import neighbour, shape_corners
+from cranedyn.lifts.planning.crane_bodies import (
+    collision_bodies,
+    neighbour,
+    read_shapes,
+    shape_corners,
+)
 from cranedyn.lifts.planning.fields import Body, Field
 from cranedyn.lifts.planning.remeasure import second_look
 from cranedyn.lifts.planning.site import GROUND, MAST
@@ -359,3 +365,34 @@ def test_all_that_a_urdf_draws_at_the_hook_keeps_from_obstacles(tmp_path: Path) 
             and (points.max(axis=0) <= body.max(axis=0) + 1e-9).all()
             for body in (one.bodies.load, one.bodies.hook.corners)
         )
+
+
+@pytest.mark.parametrize(
+    ("shape", "words"),
+    [
+        ('<box size="-1 1 1"/>', r"A box of the link upper_link .* not above 0"),
+        ('<sphere radius="0"/>', r"A sphere of the link upper_link .* not above 0"),
+        ('<capsule radius="1" length="2"/>', r"upper_link of the crane shows a capsule"),
+        ("", r"upper_link of the crane shows no shape"),
+    ],
+)
+def test_a_shape_of_a_tower_crane_that_cannot_be_compared_is_refused(
+    shape: str, words: str, tmp_path: Path
+) -> None:
+    visual = f"<visual><geometry>{shape}</geometry></visual>"
+    link = '<link name="upper_link">'
+    urdf = crane().urdf
+    assert urdf.count(link) == 1
+    file = tmp_path / "own.urdf"
+    file.write_text(urdf.replace(link, link + visual), "utf-8")
+    with pytest.raises(ModelError, match=words):
+        collision_bodies(load_crane(file))
+
+
+def test_a_shape_that_pinocchio_leaves_out_is_refused() -> None:
+    robot = ET.fromstring(crane().urdf)
+    origin = robot.find("link[@name='upper_link']/visual/origin")
+    assert origin is not None
+    origin.set("xyz", "here")
+    with pytest.raises(ModelError, match=r"Of \d+ shapes of the crane \d+ could be read"):
+        read_shapes(crane(), robot)
