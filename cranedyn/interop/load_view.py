@@ -34,8 +34,17 @@ also that of single precision."""
 _MIN_PENDULUM = 1e-3
 """Shortest pendulum that counts as a hanging load [m]."""
 
-_DISTANCE, _SWING_SQUARED, _PENDULUM_LENGTH, _FIRST_OBSERVATION = range(4)
-"""Rows of the results of `_observation_code`."""
+_DISTANCE = 0
+"""Row of the results of `_observation_code` with the distance of each crane to its goal."""
+
+_SWING_SQUARED = 1
+"""Row with the sum of the squares of its swings."""
+
+_PENDULUM_LENGTH = 2
+"""Row with the length of its pendulum."""
+
+_FIRST_OBSERVATION = 3
+"""First of the rows that are observed."""
 
 
 class DriveRanges(NamedTuple):

@@ -208,7 +208,7 @@ def loads_of_rows(
     arm_moment = crane.gravity * sum(arm.mass * arm.centre for arm in arms)
     joints = LoadJoints.of(crane)
     if joints.hoist is not None:
-        columns |= _of_rope(crane, moving, effort, buffers)
+        columns |= _of_rope(crane, joints, moving, effort, buffers)
     if None not in (joints.hoist, joints.slew, joints.pivot):
         columns |= _of_ring(joints, moving, columns["pull_N"], arm_weight, arm_moment)
     foot = moving.through_ground()
@@ -240,7 +240,7 @@ def loads_of_rows(
         corners = corner_forces(base, about, crane.gravity, heading=heading).T
         columns |= {f"corner_{i}_N": force for i, force in enumerate(corners, start=1)}
     if runway is not None:
-        columns |= _of_wheels(crane, moving, runway, columns["pull_N"])
+        columns |= _of_wheels(crane, joints, moving, runway, columns["pull_N"])
     # An overflow would pass for a small load: infinity over infinity, or minus infinity.
     return {
         name: finite(name, values, ("rows",)).reshape(shape) for name, values in columns.items()
@@ -310,14 +310,13 @@ def wheel_forces(
 
 
 def _of_wheels(
-    crane: Crane, moving: CraneStates, runway: Runway, pull: np.ndarray
+    crane: Crane, joints: LoadJoints, moving: CraneStates, runway: Runway, pull: np.ndarray
 ) -> dict[str, np.ndarray]:
     """Return the forces of the wheels, and what of them the load causes.
 
     Raises:
         MissingRole: If the crane does not travel.
     """
-    joints = LoadJoints.of(crane)
     if joints.travel is None or joints.pivot is None:
         names = [joint.name for joint in crane.layout.joints]
         raise MissingRole("Wheel loads of a runway", "travel", names)
@@ -389,14 +388,13 @@ def hanging_mass(crane: Crane) -> float:
 
 
 def _of_rope(
-    crane: Crane, moving: CraneStates, effort: np.ndarray, buffers: bool
+    crane: Crane, joints: LoadJoints, moving: CraneStates, effort: np.ndarray, buffers: bool
 ) -> dict[str, np.ndarray]:
     """Return the loads of the rope: tension, pull, margins from slack and from the hoist's largest
     force, and, with a trolley, its angles from plumb and its side force.
     """
     layout = crane.layout
     weight = hanging_mass(crane) * crane.gravity
-    joints = LoadJoints.of(crane)
     joint = joints.hoist
     assert joint is not None  # see `loads_of_rows`
     pull = moving.through(joint).force
