@@ -9,10 +9,11 @@ import statistics
 import sys
 import time
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, get_args
 
 import numpy as np
 
+from cranedyn.compiled.kernel import Precision
 from cranedyn.interop.gymnasium import TowerCraneVectorEnv
 from cranedyn.interop.task import cranes_between
 
@@ -34,19 +35,23 @@ class StepRates(NamedTuple):
     of_processor: float
 
 
-def measure_environment(count: int, rounds: int, seconds: float) -> StepRates:
+def measure_environment(
+    count: int, rounds: int, seconds: float, precision: Precision = "double"
+) -> StepRates:
     """Measure the environment.
 
     Args:
         count: Number of cranes.
         rounds: Number of rounds.
         seconds: Duration of a round [s].
+        precision: Precision in which the cranes move.
     """
     env = TowerCraneVectorEnv(
         count,
         crane=cranes_between(4, payload_mass=(500.0, 3000.0)),
         wind=10.0,
         reach=(0.6, 10.0, 5.0),
+        precision=precision,
     )
     env.reset(seed=0)
     actions = np.random.default_rng(0).uniform(-1.0, 1.0, (count, 3)).astype(np.float32)
@@ -76,11 +81,15 @@ def main(argv: Sequence[str] | None = None) -> int:
     parser.add_argument(
         "--least", type=float, default=0.0, help="million steps a second asked for (default none)"
     )
+    choices = get_args(Precision)
+    parser.add_argument("--precision", choices=choices, default="double", help="(default double)")
     options = parser.parse_args(argv)
     print("cranes   best [M/s]   median [M/s]   in a second of one processor [M]")
     best = []
     for count in options.counts:
-        rates = measure_environment(count, max(options.rounds, 1), options.seconds)
+        rates = measure_environment(
+            count, max(options.rounds, 1), options.seconds, options.precision
+        )
         best.append(1e-6 * rates.best)
         print(
             f"{count:6}   {1e-6 * rates.best:10.3f}   {1e-6 * rates.median:12.3f}   "

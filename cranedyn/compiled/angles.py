@@ -19,12 +19,15 @@ from typing import NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.instructions import Instructions, Value
+from cranedyn.compiled.instructions import SINGLE, Instructions, Value
 from cranedyn.dynamics.scalars import larger
 
 LARGEST_ANGLE = 1e6
 """Largest angle that is reduced by whole quarter turns without a loss of digits [rad]. It has fewer
 than 2²⁰ of them, see `HALF_PI`."""
+
+LARGEST_SINGLE_ANGLE = 1e4
+"""The same in single precision, where it has fewer than 2¹³ quarter turns."""
 
 
 class Series(NamedTuple):
@@ -61,6 +64,11 @@ HALF_PI = (1.5707963267341256, 6.077100506303966e-11, 2.0222662487959506e-21)
 Waite, Software Manual for the Elementary Functions, 1980).
 """
 
+SINGLE_HALF_PI = (1.5703125, 4.837512969970703e-4, 7.549789948768648e-8)
+"""π/2 in three parts for single precision; products of the first two, which have 8 and 11 bits,
+with whole numbers up to 2¹³ are exact. What the rounding of the third leaves out is 2e-15 rad for
+each quarter turn."""
+
 SINE = tuple((-1.0) ** k / math.factorial(2 * k + 1) for k in range(1, 8))
 """Taylor coefficients of the sine beyond the angle itself, sin x = x + x³ (…), in powers of x²."""
 
@@ -69,8 +77,8 @@ COSINE = tuple((-1.0) ** k / math.factorial(2 * k) for k in range(1, 9))
 
 
 def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
-    """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond a
-    million rad.
+    """Return sine and cosine of an angle [rad], to about one unit in the last place; NaN beyond
+    `LARGEST_ANGLE`, in single precision `LARGEST_SINGLE_ANGLE`.
 
     They are two Taylor polynomials, whose error at 45° is below the precision of a double. If a
     lane has a larger angle, the angles of all lanes are first reduced by whole quarter turns. This
@@ -79,6 +87,8 @@ def sine_and_cosine(code: Instructions, angle: Value) -> tuple[Value, Value]:
     """
     module = code.function.module
     name = f"sine_and_cosine_{code.lanes}"
+    if code.scalar is SINGLE:
+        name += "_single"
     if name not in module.globals:
         kind = ir.FunctionType(ir.LiteralStructType([code.type] * 2), [code.type])
         function = ir.Function(module, kind, name)
@@ -201,23 +211,25 @@ def _of_eighth_turn(code: Instructions, angle: Value) -> tuple[Value, Value]:
 
 
 def _of_any_angle(code: Instructions, angle: Value) -> tuple[Value, Value]:
-    """Return sine and cosine of an angle that is reduced by whole quarter turns; NaN beyond
-    `LARGEST_ANGLE`.
+    """Return sine and cosine of an angle that is reduced by whole quarter turns; NaN beyond the
+    largest angle.
 
     After an odd number of quarter turns, sine and cosine change places and one of them its sign;
     after half a turn both change their signs.
     """
+    is_single = code.scalar is SINGLE
+    largest_angle = LARGEST_SINGLE_ANGLE if is_single else LARGEST_ANGLE
     quarters = code.call("llvm.rint", angle * (2.0 / np.pi))
     reduced = angle
-    for part in HALF_PI:
+    for part in SINGLE_HALF_PI if is_single else HALF_PI:
         reduced = code.fused(-quarters, code.value(part), reduced)
     sine, cosine = _of_eighth_turn(code, reduced)
-    # Remainders of the number of quarters by 4 and by 2, in doubles.
+    # Remainders of the number of quarters by 4 and by 2, without whole numbers of the code.
     quarter = quarters - code.call("llvm.floor", quarters * 0.25) * 4.0
     half = code.call("llvm.floor", quarter * 0.5)
     odd = quarter - half * 2.0 > 0.5
     sign = 1.0 - half * 2.0
-    sign = code.where(code.call("llvm.fabs", angle) < LARGEST_ANGLE, sign, np.nan)
+    sign = code.where(code.call("llvm.fabs", angle) < largest_angle, sign, np.nan)
     return code.where(odd, cosine, sine) * sign, code.where(odd, -sine, cosine) * sign
 
 

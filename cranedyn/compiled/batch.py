@@ -1,7 +1,8 @@
 """Simulation of many cranes at once, one in each lane of the processor's vectors.
 
-A *group* is the cranes that run together: 8 in the lanes of the vectors of a processor, or 32
-threads of a GPU. Arrays of the loop have the group as first axis and the lane as last.
+A *group* is the cranes that run together: 8 in the lanes of the vectors of a processor, 16 in
+single precision, or 32 threads of a GPU. Arrays of the loop have the group as first axis and the
+lane as last.
 """
 
 from __future__ import annotations
@@ -21,10 +22,11 @@ from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.horizon.receding import Receding
-from cranedyn.compiled.kernel import Kernel, KernelOptions
+from cranedyn.compiled.kernel import LANES, Kernel, KernelOptions, Precision, check_precision
 from cranedyn.compiled.loop_tables import group_lanes, ungroup_lanes
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.plant.cranes import Cranes
+from cranedyn.compiled.plant.plant import Topology
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
@@ -34,9 +36,6 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Controller, Drive, Reference, State
 from cranedyn.model.crane import Crane
-
-_LANES = 8
-"""Cranes in a group on the processor."""
 
 _CHUNKS_PER_THREAD = 8
 """Chunks of groups for each thread, so that threads end at about the same time."""
@@ -143,6 +142,7 @@ def simulate_batch(
     converters: Converters | Sequence[Converters] | None = None,
     device: Device = "cpu",
     ground: Ground | None = None,
+    precision: Precision = "double",
 ) -> Batch:
     """Run many cranes at once by compiled code, each as `simulate` with validity = mark does.
 
@@ -182,6 +182,9 @@ def simulate_batch(
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
             `cranedyn.compiled.cuda`, but for predictive controllers and ground.
         ground: Ground and platforms for all, as stiff as for the first crane; None for none.
+        precision: "double", or "single" for about half the time: positions and swings then differ
+            by some 1e-5 of their size after a minute, see docs/howto/batch.md. It is for motions on
+            a processor without ground, buffers, predictive controllers and ropes that may go slack.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -191,8 +194,7 @@ def simulate_batch(
         ModelError: If the code does not agree with Pinocchio.
     """
     clock = clocks(duration, dt, control_period)
-    check_choice("drive", drive, Drive)
-    check_choice("device", device, Device)
+    _check_choices(drive, device, precision)
     _check_together(device, threads, drive, buffers, force, force_interval)
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
@@ -201,7 +203,7 @@ def simulate_batch(
     log_rows = clock.periods // log_interval + 1 if log_interval else 0
     workers = worker_count("threads", threads)
     on_gpu = device == "cuda"
-    lanes = WARP if on_gpu else _LANES
+    lanes = WARP if on_gpu else LANES[precision]
 
     # The cranes, and what they have in common. `used` counts the numbers in memory from here on, so
     # that what would not fit is refused before it is made.
@@ -217,24 +219,34 @@ def simulate_batch(
         sizes, cranes, log_rows, clock.periods, extra=reading_count * sizes.z
     )
     state = inputs.start_states(start, cranes, sizes.n)
-    times = t_start + control_period * np.arange(clock.periods + 1)
+    times = read_only(t_start + control_period * np.arange(clock.periods + 1))
 
     # Tables of what acts and what is commanded at each control instant.
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
-    control = inputs.control_tables(
-        models.distinct[0], controller, reference, state, read_only(times), used
-    )
+    control = inputs.control_tables(models.distinct[0], controller, reference, state, times, used)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     predictive = control.predictive
     if on_gpu and (predictive is not None or models.contacts is not None):
         allowed = "cpu where the controller is a predictive one or the load may touch the ground"
         raise OutOfRange("device", device, allowed)
 
+    check_precision(
+        precision,
+        Topology.of(models.distinct[0]),
+        {
+            "the device cuda": on_gpu,
+            "a ground": models.contacts is not None,
+            "buffers": buffers,
+            "a predictive controller": predictive is not None,
+        },
+    )
+
     # The code, one for all cranes.
     options = KernelOptions(
         lanes=lanes,
+        single=precision == "single",
         drive=drive,
         integrator=integrator,
         buffers=buffers,
@@ -297,6 +309,17 @@ def simulate_batch(
     # together.
     del loop, control, tables, forces, offsets
     return _results(memory, sizes, predictive, times, control_period, log_interval, log_rows)
+
+
+def _check_choices(drive: Drive, device: Device, precision: Precision) -> None:
+    """Check the arguments of `simulate_batch` that are one of several words.
+
+    Raises:
+        OutOfRange: If one is none of these.
+    """
+    check_choice("drive", drive, Drive)
+    check_choice("device", device, Device)
+    check_choice("precision", precision, Precision)
 
 
 def _check_together(
@@ -523,10 +546,10 @@ def _horizon(
     if predictive.programme.drive != drive:
         raise OutOfRange("drive", drive, f"the controller's, {predictive.programme.drive}")
     predictive.begin_run(t_start, clock.period)
-    memory = predictive.initial_memory(t_start, _LANES)
-    end = predictive.programme.offsets(_LANES).path
+    memory = predictive.initial_memory(t_start, LANES["double"])
+    end = predictive.programme.offsets(LANES["double"]).path
     needed = used + groups * end + len(memory)
-    inputs.check_fits_memory("number of cranes", f"{groups * _LANES}", needed)
+    inputs.check_fits_memory("number of cranes", f"{groups * LANES['double']}", needed)
     return np.tile(memory[:end], (groups, 1)), memory[end:]
 
 
@@ -610,6 +633,8 @@ def _optimisation_counts(
     failures = []
     refusals = []
     for group in horizon:
-        failures += [status.failures for status in predictive.status_by_lane(group, _LANES)]
-        refusals.append(predictive.refusals(group, _LANES))
+        failures += [
+            status.failures for status in predictive.status_by_lane(group, LANES["double"])
+        ]
+        refusals.append(predictive.refusals(group, LANES["double"]))
     return np.array(failures[:cranes], dtype=int), np.concatenate(refusals)[:cranes]

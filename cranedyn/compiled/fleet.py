@@ -22,9 +22,10 @@ from cranedyn.compiled.inputs import (
     converter_response,
     start_states,
 )
-from cranedyn.compiled.kernel import Kernel, KernelOptions
+from cranedyn.compiled.kernel import LANES, Kernel, KernelOptions, Precision, check_precision
 from cranedyn.compiled.loop_tables import RowTable, command_tables, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
+from cranedyn.compiled.plant.plant import Topology
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.verify import compile_kernel
 from cranedyn.dynamics.converters import Converters
@@ -32,9 +33,6 @@ from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, Drive, State
 from cranedyn.model.crane import Crane
-
-_LANES = 8
-"""Cranes in a group, one in each lane of the processor's vectors."""
 
 _MIN_STEPS_PER_THREAD = 1500
 """Fewest steps of groups in a control period for which a thread is worth its start."""
@@ -73,6 +71,7 @@ class Fleet:
         forces: bool = False,
         integrator: Integrator = semi_implicit_euler,
         threads: int | None = None,
+        precision: Precision = "double",
     ) -> None:
         """Create n cranes of the first kind, at its start.
 
@@ -86,6 +85,8 @@ class Fleet:
             forces: Whether external forces can act.
             integrator: The stepping rule.
             threads: Number of threads, 1024 at most; by default one for each processor.
+            precision: "double", or "single" for steps that take about half the time and are precise
+                to six digits, see `cranedyn.compiled.batch.simulate_batch`.
 
         Raises:
             OutOfRange: If a number is out of range, there is no crane, one has another layout, they
@@ -104,6 +105,8 @@ class Fleet:
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = common_layout(self.cranes)
+        check_precision(precision, Topology.of(self.cranes[0]), {})
+        self._lanes = LANES[precision]
         self._clock = clocks(control_period, dt, control_period)
         response, delay_steps = converter_response(self.cranes[0], kind, converters, self._clock)
         self._sizes = BufferLayout.of(self.layout, delay_steps)
@@ -112,7 +115,8 @@ class Fleet:
         self.drive = kind
         workers = worker_count("threads", threads)
         self._recipe = KernelOptions(
-            lanes=_LANES,
+            lanes=self._lanes,
+            single=precision == "single",
             drive=kind,
             integrator=integrator,
             forces=forces,
@@ -130,7 +134,7 @@ class Fleet:
 
         # The lanes that are left in the last group have a crane each, too: they run like the rest.
         q, v = self.cranes[0].start
-        every_lane = np.arange(len(self._state) * _LANES)
+        every_lane = np.arange(len(self._state) * self._lanes)
         self._put(every_lane, State(q[None], v[None]), np.zeros(1, dtype=int))
 
     def _allocate(self, varied: int) -> None:
@@ -140,15 +144,15 @@ class Fleet:
             OutOfRange: If it would not fit into 4 GB.
         """
         sizes = self._sizes
-        groups = -(-self.count // _LANES)
+        groups = -(-self.count // self._lanes)
         numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _OTHER_NUMBERS
-        needed = groups * _LANES * numbers_of_each
+        needed = groups * self._lanes * numbers_of_each
         check_fits_memory("number of cranes", str(self.count), needed)
-        self._state = np.zeros((groups, size(sizes.state), _LANES))
-        self._numbers = np.zeros((groups, varied, _LANES))
-        force_rows = groups * _LANES if self._forces_act else 1
+        self._state = np.zeros((groups, size(sizes.state), self._lanes))
+        self._numbers = np.zeros((groups, varied, self._lanes))
+        force_rows = groups * self._lanes if self._forces_act else 1
         self._force = np.zeros((force_rows, size(sizes.force)))
-        self._z = np.empty((sizes.z, groups, _LANES))
+        self._z = np.empty((sizes.z, groups, self._lanes))
         self._columns = slices(sizes.state)
 
     def _divide(self, workers: int) -> None:
@@ -158,7 +162,7 @@ class Fleet:
         fewest_chunks = -(-groups // _MAX_GROUPS_PER_CHUNK)
         chunk_count = max(min(workers, worthwhile_threads), fewest_chunks, 1)
         group_ends = np.linspace(0, groups, chunk_count + 1).astype(int)
-        crane_ends = np.minimum(_LANES * group_ends, self.count).tolist()
+        crane_ends = np.minimum(self._lanes * group_ends, self.count).tolist()
         self.chunks = [slice(first, last) for first, last in pairwise(crane_ends)]
         self._workers = min(workers, chunk_count)
 
@@ -169,10 +173,10 @@ class Fleet:
         starts = None
         if self._forces_act:
             # A row of the forces for each lane; all lanes share the other two tables.
-            first_rows = np.arange(groups * _LANES)
+            first_rows = np.arange(groups * self._lanes)
             force_table = RowTable(self._force, 1, first_rows)
-            starts = np.zeros((groups, 3, _LANES), dtype=np.int64)
-            starts[:, 2] = first_rows.reshape(groups, _LANES)
+            starts = np.zeros((groups, 3, self._lanes), dtype=np.int64)
+            starts[:, 2] = first_rows.reshape(groups, self._lanes)
         gain_rows, setpoint_rows = command_tables(self._sizes)
         loop = BoundKernel(
             code,
@@ -302,11 +306,11 @@ class Fleet:
         if self._converters is not None:
             command = np.array(self._converters.response.quantize_commands(command))
         m, count = command.shape
-        first = columns.start // _LANES
-        last = -(-columns.stop // _LANES)
-        commands = np.zeros((m, _LANES * (last - first)))
+        first = columns.start // self._lanes
+        last = -(-columns.stop // self._lanes)
+        commands = np.zeros((m, self._lanes * (last - first)))
         commands[:, :count] = command
-        by_group = commands.reshape(m, last - first, _LANES).transpose(1, 0, 2)
+        by_group = commands.reshape(m, last - first, self._lanes).transpose(1, 0, 2)
 
         # Commands wait for the delay of the converters, the first in front; without one they act at
         # once.
@@ -326,7 +330,7 @@ class Fleet:
             start: New states, shape (k, n) each, or (1, n) for all.
             kinds: Index of the kind of each crane, shape (k,), or (1,) for all.
         """
-        groups, lanes = np.divmod(rows, _LANES)
+        groups, lanes = np.divmod(rows, self._lanes)
         z = np.hstack(start)
         self._state[groups, :, lanes] = 0.0
         self._state[groups, : z.shape[1], lanes] = z

@@ -1,4 +1,4 @@
-"""Instructions for LLVM: doubles, one for each lane of a vector, and their arithmetic.
+"""Instructions for LLVM: numbers, one for each lane of a vector, and their arithmetic.
 
 A function of Python that runs with a `Value` in place of each number leaves behind the instructions
 that compute it: every sum or product of values adds one to the function under construction. Here
@@ -7,6 +7,10 @@ cosines are added by `cranedyn.compiled.code.Code`.
 
 Numbers known while the code is made stay Python floats and are folded: nothing is multiplied by 1,
 added to 0, or computed twice for them.
+
+Numbers are doubles, or in code of single precision floats of four bytes, of which a vector holds
+twice as many. Memory holds doubles in both cases: code of single precision converts what it loads
+and stores.
 
 Two kinds of whole numbers occur: those of Python, which are known while the code is made, and those
 of the code, which are of type `ir.Value`, such as the counters of its loops. The latter are the
@@ -25,6 +29,7 @@ from llvmlite import ir
 INTEGER = ir.IntType(64)
 POINTER = ir.PointerType()
 DOUBLE = ir.DoubleType()
+SINGLE = ir.FloatType()
 
 _CACHE_LINE = 64
 """Bytes in a line of the cache, and in the widest vector."""
@@ -136,7 +141,8 @@ class Instructions:
     """Instructions of a function under construction.
 
     Attributes:
-        lanes: Number of lanes of a value; 1 is a plain double.
+        lanes: Number of lanes of a value; 1 is a plain number.
+        scalar: Type of a number in one lane, `DOUBLE` or `SINGLE`.
         stride: Distance in memory between the numbers of one crane [doubles]. It is the number of
             lanes, except for a thread of a GPU: that has one lane, but its numbers stand among
             those of the other threads, see `cranedyn.compiled.threads`.
@@ -155,10 +161,12 @@ class Instructions:
         arguments: Sequence[str],
         lanes: int,
         stride: int | None = None,
+        scalar: ir.Type = DOUBLE,
     ) -> None:
         self.lanes = lanes
+        self.scalar = scalar
         self.stride = stride or lanes
-        self.type = lane_type(lanes)
+        self.type = lane_type(lanes, scalar)
         self.function = ir.Function(
             module, ir.FunctionType(ir.VoidType(), [POINTER] * len(arguments)), name
         )
@@ -183,7 +191,8 @@ class Instructions:
         which takes two accesses instead of one.
         """
         if self.lanes > 1:
-            self.function.attributes.alignstack = min(8 * self.lanes, _CACHE_LINE)
+            bytes_per_number = 4 if self.scalar is SINGLE else 8
+            self.function.attributes.alignstack = min(bytes_per_number * self.lanes, _CACHE_LINE)
             # llvmlite writes alignstack only beside another attribute. This one is harmless.
             self.function.attributes.add("nounwind")
 
@@ -202,7 +211,7 @@ class Instructions:
         """Return a number as a value of the code."""
         if isinstance(number, Value):
             return number
-        return Value(self, _constant(self.lanes, float(number).hex()))
+        return Value(self, _constant(self.lanes, self.scalar, float(number).hex()))
 
     def result(self, operation: str, *operands: Any) -> Value:
         """Return a sum, difference, product, quotient or negative.
@@ -240,7 +249,8 @@ class Instructions:
         """Return the result of an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt or
         llvm.fabs.
         """
-        name = f"{intrinsic}.{f'v{self.lanes}' if self.lanes > 1 else ''}f64"
+        vector = f"v{self.lanes}" if self.lanes > 1 else ""
+        name = f"{intrinsic}.{vector}{'f32' if self.scalar is SINGLE else 'f64'}"
         registers = [self.value(value).register for value in values]
         return Value(self, self._intrinsic(name, self.type, registers))
 
@@ -338,24 +348,34 @@ class Instructions:
         return self.builder.add(a, self.integer(number))
 
     def from_integer(self, number: ir.Value) -> Value:
-        """Return a whole number of the code as a double in every lane."""
+        """Return a whole number of the code as a number in every lane."""
         return self.from_double(self.builder.sitofp(number, DOUBLE))
 
     def from_double(self, double: ir.Value) -> Value:
-        """Return one double in every lane."""
+        """Return one double in every lane, in the precision of the code."""
+        number = double
+        if self.scalar is SINGLE:
+            number = self.builder.fptrunc(double, SINGLE)
         if self.lanes == 1:
-            return Value(self, double)
-        undefined, first_lane, first_for_all = _spreading_constants(self.lanes)
-        register = self.builder.insert_element(undefined, double, first_lane)
+            return Value(self, number)
+        undefined, first_lane, first_for_all = _spreading_constants(self.lanes, self.scalar)
+        register = self.builder.insert_element(undefined, number, first_lane)
         return Value(self, self.builder.shuffle_vector(register, undefined, first_for_all))
 
     def load(self, pointer: ir.Value, first: Any = 0) -> Value:
         """Load the lanes from consecutive doubles of memory, beginning at an index."""
-        return Value(self, self.builder.load(self.address(pointer, first), align=8, typ=self.type))
+        doubles = lane_type(self.lanes, DOUBLE)
+        register = self.builder.load(self.address(pointer, first), align=8, typ=doubles)
+        if self.scalar is SINGLE:
+            register = self.builder.fptrunc(register, self.type)
+        return Value(self, register)
 
     def store(self, value: Any, pointer: ir.Value, first: Any = 0) -> None:
         """Store the lanes in consecutive doubles of memory."""
-        self.builder.store(self.value(value).register, self.address(pointer, first), align=8)
+        register = self.value(value).register
+        if self.scalar is SINGLE:
+            register = self.builder.fpext(register, lane_type(self.lanes, DOUBLE))
+        self.builder.store(register, self.address(pointer, first), align=8)
 
     def spread(self, pointer: ir.Value, index: Any) -> Value:
         """Load one double of memory into every lane."""
@@ -370,11 +390,13 @@ class Instructions:
         """
         if len(addresses) == 1:
             return self.spread(addresses[0], index)
-        register = ir.Constant(self.type, ir.Undefined)
+        register = ir.Constant(lane_type(self.lanes, DOUBLE), ir.Undefined)
         for lane, address in enumerate(addresses):
             double = self.load_one(address, index, DOUBLE)
             place = ir.Constant(ir.IntType(32), lane)
             register = self.builder.insert_element(register, double, place)
+        if self.scalar is SINGLE:
+            register = self.builder.fptrunc(register, self.type)
         return Value(self, register)
 
     def load_one(self, pointer: ir.Value, index: Any, kind: ir.Type) -> ir.Value:
@@ -388,13 +410,13 @@ class Instructions:
 
 
 @cache
-def lane_type(lanes: int) -> ir.Type:
-    """Return the type of a double for each lane."""
-    return ir.VectorType(DOUBLE, lanes) if lanes > 1 else DOUBLE
+def lane_type(lanes: int, scalar: ir.Type = DOUBLE) -> ir.Type:
+    """Return the type of a number for each lane."""
+    return ir.VectorType(scalar, lanes) if lanes > 1 else scalar
 
 
 @lru_cache(maxsize=4096)
-def _constant(lanes: int, text: str) -> ir.Constant:
+def _constant(lanes: int, scalar: ir.Type, text: str) -> ir.Constant:
     """Return a number in every lane.
 
     llvmlite takes long to make the text of a constant, and keeps it with the constant: so equal
@@ -402,21 +424,25 @@ def _constant(lanes: int, text: str) -> ir.Constant:
 
     Args:
         lanes: Number of lanes.
+        scalar: Type of the number in one lane, to which it is rounded.
         text: The number in the format of `float.hex`. It is the key of the cache: by their values,
             0.0 and -0.0 would be the same.
     """
     number = float.fromhex(text)
-    return ir.Constant(lane_type(lanes), [number] * lanes if lanes > 1 else number)
+    kind = lane_type(lanes, scalar)
+    return ir.Constant(kind, [number] * lanes if lanes > 1 else number)
 
 
 @cache
-def _spreading_constants(lanes: int) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
+def _spreading_constants(
+    lanes: int, scalar: ir.Type
+) -> tuple[ir.Constant, ir.Constant, ir.Constant]:
     """Return what `from_double` needs: an undefined vector, the index of its first lane, and that
     index for every lane.
     """
     index = ir.IntType(32)
     zeros = ir.Constant(ir.VectorType(index, lanes), [0] * lanes)
-    return ir.Constant(lane_type(lanes), ir.Undefined), ir.Constant(index, 0), zeros
+    return ir.Constant(lane_type(lanes, scalar), ir.Undefined), ir.Constant(index, 0), zeros
 
 
 def _is_float(operand: Any, number: float) -> bool:

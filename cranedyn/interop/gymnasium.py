@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 
 from cranedyn.checks import as_array, short_repr, whole
+from cranedyn.compiled.kernel import Precision
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
@@ -88,6 +89,7 @@ class CraneVectorEnv(gym.vector.VectorEnv):
         max_episode_steps: int = STEPS,
         autoreset_mode: str | AutoresetMode = AutoresetMode.NEXT_STEP,
         threads: int | None = None,
+        precision: Precision = "double",
         render_mode: None = None,
         action: str = Rules.action,
         limits: Limits | None = Rules.limits,
@@ -111,6 +113,8 @@ class CraneVectorEnv(gym.vector.VectorEnv):
             max_episode_steps: Number of steps after which an episode is truncated.
             autoreset_mode: When the next episode follows one that has ended.
             threads: Number of threads; None for one on each processor.
+            precision: "double", or "single", with which cranes move to six digits in about half the
+                time; not for ropes that may go slack.
             render_mode: None, since only one crane alone can be drawn.
             action: Kind of the actions, see `Rules`.
             limits: Limits of rates and accelerations of the drives; None for those of typical
@@ -156,7 +160,9 @@ class CraneVectorEnv(gym.vector.VectorEnv):
             efforts=efforts,
         )
         cranes = self.task_type.default_crane() if crane is None else crane
-        self.task = self.task_type(cranes, self.num_envs, rules, control_period, dt, threads)
+        self.task = self.task_type(
+            cranes, self.num_envs, rules, control_period, dt, threads, precision
+        )
         self.single_observation_space, self.single_action_space = _spaces(self.task)
         self.observation_space = batch_space(self.single_observation_space, self.num_envs)
         self.action_space = batch_space(self.single_action_space, self.num_envs)

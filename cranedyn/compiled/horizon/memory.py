@@ -25,7 +25,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from llvmlite import ir
 
-from cranedyn.compiled.code import Code, Value, lane_type
+from cranedyn.compiled.code import DOUBLE, Code, Value, lane_type
 from cranedyn.compiled.plant.plant import Plant, Topology, make_plant
 from cranedyn.dynamics.scalars import array
 from cranedyn.model.layout import Layout
@@ -214,6 +214,7 @@ class LaneView(Code):
         self.stride = lanes
         self.function = code.function
         self.builder = code.builder
+        self.scalar = DOUBLE
         self.type = lane_type(lanes)
         self.argument = code.argument
         self._clear_caches()
