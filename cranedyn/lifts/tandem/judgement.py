@@ -1,0 +1,146 @@
+"""Judge a tandem lift by what its run shows: shares of the load, load charts, ropes, distances."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.checks import number, within
+from cranedyn.errors import OutOfRange
+from cranedyn.lifts.tandem.clearance import tandem_distances
+from cranedyn.lifts.tandem.rules import SOURCE, required_capacity
+from cranedyn.lifts.tandem.simulation import TandemRun
+from cranedyn.lifts.tandem.statics import static_shares
+from cranedyn.verdict import Check
+
+_TAUT = 1e-6
+"""Least tension of a taut rope over its static share."""
+
+
+@dataclass(frozen=True)
+class TandemRequirements:
+    """What is required of a tandem lift; what nobody entered is not judged.
+
+    Attributes:
+        inclination: Largest angle of a rope from plumb [rad].
+        falls: Number of falls of both hooks; None for the fewest of the charts.
+        distance: Required distance between what must not meet [m]; None for that of the site, if
+            somebody entered it there.
+    """
+
+    inclination: float | None = None
+    falls: int | None = None
+    distance: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check the numbers.
+
+        Raises:
+            OutOfRange: If the inclination is not from 0 to π/2, or the distance is negative.
+        """
+        if self.inclination is not None:
+            within("inclination of a rope", self.inclination, 0.0, math.pi / 2.0, "rad")
+        if self.distance is not None:
+            number("required distance", self.distance, "m", ">= 0")
+
+
+def judge_tandem(
+    run: TandemRun, requirements: TandemRequirements = TandemRequirements()
+) -> list[Check]:
+    """Return the checks of a simulated tandem lift.
+
+    Args:
+        run: The run.
+        requirements: What is required.
+    """
+    checks = []
+    for crane in range(2):
+        checks += [_share_check(run, crane, requirements), _chart_check(run, crane, requirements)]
+    checks += [_taut_check(run), _inclination_check(run, requirements)]
+    checks += _distance_checks(run, requirements)
+    if any(not solid.zone for solid in run.lift.site.solids):
+        checks.append(Check("Distances of a tandem lift from obstacles are not computed.", None))
+    checks.append(Check("Wind on the load and the efforts of the drives are not computed.", None))
+    return checks
+
+
+def _share_check(run: TandemRun, crane: int, requirements: TandemRequirements) -> Check:
+    """Return whether a crane has the additional capacity that the rule asks for."""
+    lift = run.lift
+    name = lift.names[crane]
+    share = float(static_shares(lift.load)[crane]) * lift.load.mass
+    needed = required_capacity(share)
+    start = (
+        f"{name}: its share of {share / 1e3:.3f} t asks for a rated load of {needed / 1e3:.3f} t"
+    )
+    rated = _least_rated(run, crane, requirements)
+    if isinstance(rated, str):
+        return Check(f"{start} ({SOURCE}); {rated}", None)
+    return Check(f"{start}, and it has {rated / 1e3:.3f} t ({SOURCE}).", rated >= needed)
+
+
+def _chart_check(run: TandemRun, crane: int, requirements: TandemRequirements) -> Check:
+    """Return whether the pull of a rope keeps within the load chart of its crane."""
+    lift = run.lift
+    name = lift.names[crane]
+    peak = float(run.tensions[:, crane].max()) / lift.gravity
+    rated = _least_rated(run, crane, requirements)
+    start = f"{name}: its rope pulls with {peak / 1e3:.3f} t at most"
+    if isinstance(rated, str):
+        return Check(f"{start}; {rated}", None)
+    return Check(f"{start}, rated are {rated / 1e3:.3f} t where it is farthest out.", peak <= rated)
+
+
+def _least_rated(run: TandemRun, crane: int, requirements: TandemRequirements) -> float | str:
+    """Return the least rated load of a crane on the way [kg], or a sentence why there is none."""
+    station = run.lift.stations[crane]
+    if station.chart is None:
+        return f"no load chart of {station.name} was entered."
+    pivot = np.stack([run[f"{station.name}_pivot_{axis}_m"] for axis in "xy"], axis=1)
+    radius = np.linalg.norm(pivot - np.asarray(station.foot, dtype=float)[:2], axis=1)
+    try:
+        return float(station.chart.on(requirements.falls).at(radius).min())
+    except OutOfRange as error:
+        return str(error)
+
+
+def _taut_check(run: TandemRun) -> Check:
+    """Return whether both ropes stay taut."""
+    shares = static_shares(run.lift.load) * run.lift.load.mass * run.lift.gravity
+    least = float((run.tensions / shares).min())
+    return Check(
+        f"Both ropes stay taut; the least tension is {least:.3f} of the static share.",
+        least > _TAUT,
+    )
+
+
+def _inclination_check(run: TandemRun, requirements: TandemRequirements) -> Check:
+    """Return whether the ropes stay near plumb."""
+    largest = math.degrees(run.largest_inclination)
+    sentence = f"The ropes lean by {largest:.2f}° at most"
+    if requirements.inclination is None:
+        return Check(f"{sentence}; nobody entered how far they may.", None)
+    allowed = math.degrees(requirements.inclination)
+    return Check(f"{sentence}, allowed are {allowed:g}°.", largest <= allowed)
+
+
+def _distance_checks(run: TandemRun, requirements: TandemRequirements) -> Sequence[Check]:
+    """Return whether nothing comes nearer than required, at the recorded rows."""
+    site = run.lift.site
+    required = requirements.distance
+    if required is None and "distance" in site.entered:
+        required = site.distance
+    checks = []
+    for found in tandem_distances(run):
+        sentence = (
+            f"Between {found.between} there are {found.distance:.2f} m at least, at {found.t:.1f} s"
+        )
+        if required is None:
+            checks.append(Check(f"{sentence}; nobody entered what is required.", None))
+        else:
+            kept = found.distance >= required
+            checks.append(Check(f"{sentence}, required are {required:g} m.", kept))
+    return checks

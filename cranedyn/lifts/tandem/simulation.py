@@ -1,0 +1,294 @@
+"""A load on two ropes, moved by the drives of two cranes: a plain loop around Pinocchio's ABA.
+
+The drives follow their motions exactly, as with ``drive="motion"`` of
+`cranedyn.simulation.simulate.simulate`. So the pivots of both ropes move as prescribed, and the
+load is the only body whose motion is computed: a free body under its weight and the pulls of two
+ropes. What the cranes feel of it are the forces of the ropes, which the run records.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
+
+import numpy as np
+import pinocchio as pin
+from scipy.spatial.transform import Rotation
+
+from cranedyn.checks import finite, number
+from cranedyn.clocks import clocks
+from cranedyn.data.time_series import TimeSeries
+from cranedyn.errors import OutOfRange, RunError, UnknownColumn
+from cranedyn.lifts.tandem.drives import TandemDrives
+from cranedyn.lifts.tandem.load import RopeForce
+from cranedyn.lifts.tandem.plan import TandemLift, TandemPlan
+
+_TIME_AFTER = 10.0
+"""Time that a run goes on after all drives stand [s]."""
+
+_DIVERGED = 1e6
+"""Speed of the load beyond which a run has diverged [m/s or rad/s]."""
+
+
+class LoadPose(NamedTuple):
+    """Where the load is.
+
+    Attributes:
+        position: Place of its centre of mass in the frame of the site [m], shape (3,).
+        rotation: Rotation from its axes to those of the site.
+    """
+
+    position: np.ndarray
+    rotation: Rotation
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class TandemRun(TimeSeries):
+    """A simulated tandem lift, one row for each period.
+
+    Columns: `load_x_m`, `load_y_m`, `load_z_m` of the centre of mass in the frame of the site;
+    `yaw_rad`, `pitch_rad`, `roll_rad`, rotations about the vertical and then about Y and X of the
+    load; for each crane `NAME_tension_N`, `NAME_inclination_rad` of its rope from plumb,
+    `NAME_pivot_x_m` and so on, and `NAME_DRIVE` with the unit of the drive; `energy_J`, kinetic, of
+    gravity and of the stretch, `input_J`, what the cranes have put in, and `loss_J`, what damping
+    has dissipated.
+
+    Attributes:
+        t: Time [s], shape (rows,).
+        values: Columns by name, shape (rows,) each.
+        lift: The lift.
+        parameters: Numbers of the run.
+        record: What else belongs to it.
+    """
+
+    t: np.ndarray
+    values: Mapping[str, np.ndarray]
+    lift: TandemLift
+    parameters: Mapping[str, float | str] = field(default_factory=dict)
+    record: Mapping[str, Any] = field(default_factory=dict)
+
+    def keys(self) -> list[str]:
+        """Return the names of the columns."""
+        return ["t_s", *self.values]
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """Return a column by its name, shape (rows,).
+
+        Raises:
+            UnknownColumn: If there is no such column; it is also a KeyError.
+        """
+        if column == "t_s":
+            return self.t
+        if column not in self.values:
+            raise UnknownColumn("column", column, self.keys())
+        return self.values[column]
+
+    @property
+    def principal_keys(self) -> list[str]:
+        """Names of the columns that a figure shows by default: tensions and rotations."""
+        tensions = [f"{name}_tension_N" for name in self.lift.names]
+        return [*tensions, "roll_rad", "pitch_rad", "yaw_rad"]
+
+    @property
+    def tensions(self) -> np.ndarray:
+        """Tensions of both ropes [N], shape (rows, 2)."""
+        return np.stack([self[f"{name}_tension_N"] for name in self.lift.names], axis=1)
+
+    @property
+    def largest_shares(self) -> np.ndarray:
+        """Largest tension of each rope over the weight of the load, shape (2,)."""
+        return self.tensions.max(axis=0) / (self.lift.load.mass * self.lift.gravity)
+
+    @property
+    def largest_inclination(self) -> float:
+        """Largest angle of a rope from plumb [rad]."""
+        columns = [self[f"{name}_inclination_rad"] for name in self.lift.names]
+        return float(np.max(columns))
+
+
+def simulate_tandem(
+    lift: TandemLift,
+    drives: TandemDrives | TandemPlan,
+    *,
+    start: LoadPose | None = None,
+    duration: float | None = None,
+    dt: float = 5e-4,
+    period: float = 0.02,
+) -> TandemRun:
+    """Simulate the load of a tandem lift.
+
+    The step is semi-implicit Euler, as in the plain loop of one crane.
+
+    Args:
+        lift: The lift.
+        drives: Motions of the drives, or the plan that has them.
+        start: Where the load is at the start, at rest; None for where the plan begins. It is needed
+            with motions that are no plan.
+        duration: Duration [s]; None for until all drives stand, and 10 s more.
+        dt: Physics step [s].
+        period: Time between recorded rows [s].
+
+    Raises:
+        OutOfRange: If a number is out of range.
+        RunError: If the load moves without bounds; it has the rows so far.
+    """
+    motions = drives.drives if isinstance(drives, TandemPlan) else drives
+    if start is None:
+        if not isinstance(drives, TandemPlan):
+            raise OutOfRange("start of the load", None, "a LoadPose where there is no plan")
+        start = LoadPose(drives.start, Rotation.from_euler("z", drives.yaw))
+    position = finite("place of the load at the start", start.position, (3,), unit="m")
+    if duration is None:
+        duration = period * math.ceil((motions.end + _TIME_AFTER) / period)
+    clock = clocks(number("duration", duration, "s", "> 0"), dt, period)
+
+    # The plain loop.
+    model = lift.load.model(lift.gravity)
+    data = model.createData()
+    q = np.concatenate([position, start.rotation.as_quat()])
+    v = np.zeros(model.nv)
+    ropes = _Ropes(lift, motions, dt * np.arange(clock.periods * clock.steps + 1))
+    damping = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * lift.load.damping
+    rows: list[_Row] = []
+    energy_input = 0.0
+    energy_loss = 0.0
+    for k in range(clock.periods * clock.steps + 1):
+        pulls = ropes.pulls(k, q, v)
+        if k % clock.steps == 0:
+            rows.append(_Row(k, q, v, pulls, energy_input, energy_loss))
+            if not np.abs(v).max() < _DIVERGED:  # also where it is no number
+                raise RunError(
+                    f"The load of the tandem lift moves without bounds at {k * dt:.3f} s.",
+                    t=k * dt,
+                    trajectory=_run(lift, rows, ropes, dt),
+                )
+        rotation = pin.Quaternion(q[3:]).toRotationMatrix()
+        on_load = ropes.force_on_load(rotation, pulls)
+        a = pin.aba(model, data, q, v, -damping * v, on_load)
+        energy_input += dt * sum(pull.input for pull in pulls)
+        energy_loss += dt * (sum(pull.loss for pull in pulls) + float(v @ (damping * v)))
+        v = v + dt * a
+        q = pin.integrate(model, q, dt * v)
+    return _run(lift, rows, ropes, dt)
+
+
+class _Row(NamedTuple):
+    """State of a run at an instant that is recorded.
+
+    Attributes:
+        step: Number of physics steps so far.
+        q: Place of the load and its rotation as a quaternion x, y, z, w, shape (7,).
+        v: Its velocity and its angular velocity, along its axes, shape (6,).
+        pulls: What both ropes do.
+        input: Energy that the cranes have put in so far [J].
+        loss: Energy that damping has dissipated so far [J].
+    """
+
+    step: int
+    q: np.ndarray
+    v: np.ndarray
+    pulls: list[RopeForce]
+    input: float
+    loss: float
+
+
+class _Ropes:
+    """Both ropes during a run, whose pivots and lengths the drives prescribe.
+
+    Attributes:
+        positions: Positions of the drives of both cranes at each physics step, shape (steps, m).
+        pivots: Places of both pivots [m], shape (steps, 3).
+    """
+
+    def __init__(self, lift: TandemLift, motions: TandemDrives, t: np.ndarray) -> None:
+        """Compute where pivots and winches are at the times of all physics steps [s]."""
+        self._rope = lift.rope
+        self._lugs = np.array(lift.load.lugs, dtype=float)
+        self.positions: list[np.ndarray] = []
+        self.pivots: list[np.ndarray] = []
+        self._pivot_velocities: list[np.ndarray] = []
+        self._lengths: list[np.ndarray] = []
+        self._length_rates: list[np.ndarray] = []
+        for station, motion in zip(lift.stations, motions, strict=True):
+            position, rate = motion.at(t)
+            winch = station.crane.winch
+            q, _ = station.plumb(position)
+            poses = station.rope(q)
+            self.positions.append(position)
+            self.pivots.append(poses.pivot)
+            self._pivot_velocities.append(np.einsum("kmi,km->ki", poses.motion, rate))
+            self._lengths.append(position[:, winch])
+            self._length_rates.append(rate[:, winch])
+
+    def pulls(self, step: int, q: np.ndarray, v: np.ndarray) -> list[RopeForce]:
+        """Return what both ropes do at a step, given place and velocity of the load."""
+        rotation = pin.Quaternion(q[3:]).toRotationMatrix()
+        pulls = []
+        for i, lug in enumerate(self._lugs):
+            place = q[:3] + rotation @ lug
+            velocity = rotation @ (v[:3] + np.cross(v[3:], lug))
+            pulls.append(
+                self._rope.force(
+                    self.pivots[i][step],
+                    self._pivot_velocities[i][step],
+                    place,
+                    velocity,
+                    float(self._lengths[i][step]),
+                    float(self._length_rates[i][step]),
+                )
+            )
+        return pulls
+
+    def force_on_load(self, rotation: np.ndarray, pulls: Sequence[RopeForce]) -> pin.StdVec_Force:
+        """Return the pulls as forces on the bodies of the model, along the axes of the load.
+
+        Args:
+            rotation: Rotation from the axes of the load to those of the site, shape (3, 3).
+            pulls: What both ropes do.
+        """
+        force = np.zeros(3)
+        torque = np.zeros(3)
+        for lug, pull in zip(self._lugs, pulls, strict=True):
+            local = rotation.T @ pull.force
+            force += local
+            torque += np.cross(lug, local)
+        on_bodies = pin.StdVec_Force()
+        on_bodies.append(pin.Force.Zero())  # on the world
+        on_bodies.append(pin.Force(force, torque))
+        return on_bodies
+
+
+def _run(lift: TandemLift, rows: Sequence[_Row], ropes: _Ropes, dt: float) -> TandemRun:
+    """Return the recorded rows as a run."""
+    steps = np.array([row.step for row in rows])
+    q = np.array([row.q for row in rows])
+    angles = Rotation.from_quat(q[:, 3:]).as_euler("xyz")
+    values = {f"load_{axis}_m": q[:, i] for i, axis in enumerate("xyz")}
+    values |= {name: angles[:, i] for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
+    for i, (name, station) in enumerate(zip(lift.names, lift.stations, strict=True)):
+        pulls = [row.pulls[i] for row in rows]
+        upwards = np.array([pull.direction[2] for pull in pulls])
+        values[f"{name}_tension_N"] = np.array([pull.tension for pull in pulls])
+        values[f"{name}_inclination_rad"] = np.arccos(np.clip(upwards, -1.0, 1.0))
+        for j, axis in enumerate("xyz"):
+            values[f"{name}_pivot_{axis}_m"] = ropes.pivots[i][steps, j]
+        for j, joint in enumerate(station.crane.layout.driven):
+            values[f"{name}_{joint.symbol}_{joint.unit}"] = ropes.positions[i][steps, j]
+    values["energy_J"] = np.array([_energy(lift, row) for row in rows])
+    values["input_J"] = np.array([row.input for row in rows])
+    values["loss_J"] = np.array([row.loss for row in rows])
+    parameters = {"dt_s": dt, "mass_kg": lift.load.mass, "gravity_m_s2": lift.gravity}
+    return TandemRun(dt * steps, values, lift, parameters)
+
+
+def _energy(lift: TandemLift, row: _Row) -> float:
+    """Return the energy of load and ropes [J]: kinetic, of gravity above the ground of the site,
+    and of the stretch.
+    """
+    inertia = np.concatenate([np.full(3, lift.load.mass), lift.load.moments])
+    kinetic = 0.5 * float(inertia @ row.v**2)
+    height = float(row.q[2]) - lift.site.ground
+    elastic = sum(pull.elastic_energy for pull in row.pulls)
+    return kinetic + lift.load.mass * lift.gravity * height + elastic

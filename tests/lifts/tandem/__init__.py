@@ -1,0 +1,1 @@
+"""Tests of lifts by two cranes together."""
