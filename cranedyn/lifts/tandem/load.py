@@ -6,6 +6,7 @@ inertia, X from the first lug towards the second in the plan of most lifts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
@@ -145,7 +146,7 @@ class TandemRope:
             length_rate: Its rate [m/s].
         """
         offset = pivot - lug
-        distance = float(np.linalg.norm(offset))
+        distance = math.sqrt(float(offset @ offset))
         direction = offset / distance
         strain = (distance - length) / length
         if strain <= 0.0:

@@ -164,7 +164,11 @@ def plan_tandem(
     number("yaw of the load", yaw, "rad")
     shortest = _shortest_duration(float(np.linalg.norm(end - begin)), lift.gravity)
     if duration is not None:
-        number("duration of a tandem lift", duration, "s", f">= {shortest:.4g}")
+        number("duration of a tandem lift", duration, "s")
+        if duration < shortest:
+            lean = math.degrees(math.atan(_MAX_LEAN))
+            allowed = f"{shortest:.4g} or more; with less the ropes would lean by over {lean:.1f}°"
+            raise OutOfRange("duration of a tandem lift", f"{duration:g}", allowed, "s")
         trial = _motions(lift, begin, end, yaw, duration)
         if trial.excess > 1.0 + 1e-9:
             raise OutOfRange(

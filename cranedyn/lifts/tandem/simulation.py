@@ -155,7 +155,8 @@ def simulate_tandem(
     energy_input = 0.0
     energy_loss = 0.0
     for k in range(clock.periods * clock.steps + 1):
-        pulls = ropes.pulls(k, q, v)
+        rotation = pin.Quaternion(q[3:]).toRotationMatrix()
+        pulls = ropes.pulls(k, q[:3], rotation, v)
         if k % clock.steps == 0:
             rows.append(_Row(k, q, v, pulls, energy_input, energy_loss))
             if not np.abs(v).max() < _DIVERGED:  # also where it is no number
@@ -164,7 +165,6 @@ def simulate_tandem(
                     t=k * dt,
                     trajectory=_run(lift, rows, ropes, dt),
                 )
-        rotation = pin.Quaternion(q[3:]).toRotationMatrix()
         on_load = ropes.force_on_load(rotation, pulls)
         a = pin.aba(model, data, q, v, -damping * v, on_load)
         energy_input += dt * sum(pull.input for pull in pulls)
@@ -206,6 +206,8 @@ class _Ropes:
         """Compute where pivots and winches are at the times of all physics steps [s]."""
         self._rope = lift.rope
         self._lugs = np.array(lift.load.lugs, dtype=float)
+        # Matrices of the product lug ×, which takes less time than a cross product of NumPy.
+        self._lug_crosses = [pin.skew(lug) for lug in self._lugs]
         self.positions: list[np.ndarray] = []
         self.pivots: list[np.ndarray] = []
         self._pivot_velocities: list[np.ndarray] = []
@@ -222,13 +224,21 @@ class _Ropes:
             self._lengths.append(position[:, winch])
             self._length_rates.append(rate[:, winch])
 
-    def pulls(self, step: int, q: np.ndarray, v: np.ndarray) -> list[RopeForce]:
-        """Return what both ropes do at a step, given place and velocity of the load."""
-        rotation = pin.Quaternion(q[3:]).toRotationMatrix()
+    def pulls(
+        self, step: int, position: np.ndarray, rotation: np.ndarray, v: np.ndarray
+    ) -> list[RopeForce]:
+        """Return what both ropes do at a step.
+
+        Args:
+            step: The step.
+            position: Place of the load [m], shape (3,).
+            rotation: Rotation from the axes of the load to those of the site, shape (3, 3).
+            v: Velocity and angular velocity of the load along its own axes, shape (6,).
+        """
         pulls = []
-        for i, lug in enumerate(self._lugs):
-            place = q[:3] + rotation @ lug
-            velocity = rotation @ (v[:3] + np.cross(v[3:], lug))
+        for i, (lug, cross) in enumerate(zip(self._lugs, self._lug_crosses, strict=True)):
+            place = position + rotation @ lug
+            velocity = rotation @ (v[:3] - cross @ v[3:])
             pulls.append(
                 self._rope.force(
                     self.pivots[i][step],
@@ -250,10 +260,10 @@ class _Ropes:
         """
         force = np.zeros(3)
         torque = np.zeros(3)
-        for lug, pull in zip(self._lugs, pulls, strict=True):
+        for cross, pull in zip(self._lug_crosses, pulls, strict=True):
             local = rotation.T @ pull.force
             force += local
-            torque += np.cross(lug, local)
+            torque += cross @ local
         on_bodies = pin.StdVec_Force()
         on_bodies.append(pin.Force.Zero())  # on the world
         on_bodies.append(pin.Force(force, torque))

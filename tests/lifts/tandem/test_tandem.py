@@ -29,6 +29,7 @@ from cranedyn.verdict import Verdict
 G = 9.80665
 BEAM = TandemLoad(4000.0, (15.0, 0.6, 0.8), lugs=((-7.0, 0.0, 0.4), (7.0, 0.0, 0.4)))
 STIFF = TandemRope(stiffness=2e8, damping=2e5)
+SLOW = Limits([0.01, 0.1, 0.2], [0.005, 0.05, 0.1])
 USUAL = TandemRope(stiffness=2e7, damping=2e4)
 
 
@@ -68,10 +69,10 @@ def held(lift: TandemLift, place: tuple[float, float, float] = START) -> TandemD
 
 
 def frequency(t: np.ndarray, values: np.ndarray) -> float:
-    """Angular frequency by the zero crossings of a swing about its mean [rad/s]."""
+    """Angular frequency by the zero crossings of a swing about zero [rad/s]."""
     from cranedyn.analysis.swing import zero_crossings
 
-    crossings = zero_crossings(t, values - values.mean())
+    crossings = zero_crossings(t, values)
     return math.pi / float(np.mean(np.diff(crossings)))
 
 
@@ -107,8 +108,8 @@ def test_swings_along_the_lugs_and_about_the_vertical_have_the_frequencies_of_a_
     begins = planned_lengths(still)
     start = LoadPose(np.add(START, (0.0, 0.02, 0.0)), Rotation.from_euler("z", YAW + 0.002))
     run = simulate_tandem(lift, still, start=start, duration=30.0, dt=1e-3)
-    sway = frequency(run.t, run["load_y_m"])
-    yaw = frequency(run.t, run["yaw_rad"])
+    sway = frequency(run.t, run["load_y_m"] - START[1])
+    yaw = frequency(run.t, run["yaw_rad"] - YAW)
     # The period of small swings, a step of semi-implicit Euler and 5 mm of stretch: 1e-3.
     assert sway == pytest.approx(sway_frequency(begins, G), rel=1e-3)
     assert yaw == pytest.approx(yaw_frequency(BEAM, begins, G), rel=1e-3)
@@ -283,10 +284,11 @@ def test_a_lift_that_cannot_be_is_refused() -> None:
         plan_tandem(lift, (50.0, -32.0, 5.0), (50.0, -32.0, 6.0), yaw=YAW)
     with pytest.raises(CraneError, match=r"needs .* m of rope .* its hoist has"):
         plan_tandem(lift, (0.0, -32.0, -5.0), (0.0, -32.0, -4.0), yaw=YAW)
-    with pytest.raises(OutOfRange, match=r"duration of a tandem lift is 3 s; allowed is >= 7"):
+    with pytest.raises(OutOfRange, match=r"duration of a tandem lift is 3 s; allowed is 7\."):
         plan_tandem(lift, START, (4.0, -32.0, 9.0), yaw=YAW, duration=3.0)
     with pytest.raises(OutOfRange, match=r"longer: drives would exceed their limits"):
-        plan_tandem(lift, START, (4.0, -32.0, 9.0), yaw=YAW, duration=8.0)
+        slower = replace(lift, limits=(SLOW, SLOW))
+        plan_tandem(slower, START, (4.0, -32.0, 9.0), yaw=YAW, duration=12.0)
     with pytest.raises(OutOfRange, match="distance from start to goal"):
         plan_tandem(lift, START, START, yaw=YAW)
     with pytest.raises(OutOfRange, match="start of the load"):
@@ -302,7 +304,6 @@ def test_a_lift_that_cannot_be_is_refused() -> None:
 
 
 def test_slower_drives_take_longer() -> None:
-    slow = Limits([0.01, 0.1, 0.2], [0.005, 0.05, 0.1])
-    lift = replace(lift_of(rope=USUAL), limits=(slow, slow))
+    lift = replace(lift_of(rope=USUAL), limits=(SLOW, SLOW))
     plan = plan_tandem(lift, START, (4.0, -32.0, 9.0), yaw=YAW)
     assert plan.duration > 1.5 * planned().duration

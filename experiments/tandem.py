@@ -1,0 +1,351 @@
+"""Two cranes at one load: shares beside statics, and what late or stopped drives do to them.
+
+A beam hangs on the ropes of two tower cranes. First its shares, its frequencies and its energy
+stand beside closed forms. Then it is lifted as planned, with one crane late, with a drive that
+stops half way, and with its centre of mass elsewhere than planned.
+"""
+
+from __future__ import annotations
+
+import argparse
+import math
+import sys
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.figure import Figure
+from scipy.spatial.transform import Rotation
+
+from cranedyn.analysis.swing import zero_crossings
+from cranedyn.lifts.tandem.drives import DriveMotion, TandemDrives
+from cranedyn.lifts.tandem.judgement import TandemRequirements, judge_tandem
+from cranedyn.lifts.tandem.load import TandemLoad, TandemRope
+from cranedyn.lifts.tandem.plan import TandemLift, TandemPlan, plan_tandem
+from cranedyn.lifts.tandem.simulation import LoadPose, TandemRun, simulate_tandem
+from cranedyn.lifts.tandem.statics import static_shares, sway_frequency, yaw_frequency
+from cranedyn.lifts.tandem.yard import tandem_yard
+from cranedyn.plotting.figures import legend_above, panels
+from cranedyn.plotting.style import run_colour
+from cranedyn.verdict import Verdict
+from experiments import harness
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+
+BEAM = TandemLoad(4000.0, (15.0, 0.6, 0.8), lugs=((-7.0, 0.0, 0.4), (7.0, 0.0, 0.4)))
+"""The load: a beam of 4 t with a lug near each end."""
+
+ROPE = TandemRope(stiffness=2e7, damping=2e4)
+"""Both ropes: four falls of a rope of 16 mm have about this stiffness."""
+
+YAW = -math.pi / 2.0
+"""Heading of the beam, along the line of the towers [rad]."""
+
+START = (0.0, -32.0, 5.0)
+"""Centre of mass of the beam at the start [m]."""
+
+GOAL = (6.0, -32.0, 12.0)
+"""Its place at the end [m]."""
+
+INCLINATION = math.radians(3.0)
+"""Angle of a rope from plumb that the lift may reach [rad]."""
+
+DT = 1e-3
+"""Physics step [s]; the stretch of a rope swings in 0.3 s."""
+
+FREE_SWING = 30.0
+"""Duration of the free swings [s]."""
+
+RULE = 1.2
+"""Share over the static share that a code of practice provides for, see
+`cranedyn.lifts.tandem.rules`."""
+
+
+class TandemCase(NamedTuple):
+    """A lift of the beam.
+
+    Attributes:
+        name: What is done, in words.
+        run: The run.
+        factors: Largest tension of each rope over the static share that was planned with, shape
+            (2,).
+        tilt: Largest angle of the beam from level [rad].
+        turn: Largest angle by which it turns from its heading [rad].
+    """
+
+    name: str
+    run: TandemRun
+    factors: np.ndarray
+    tilt: float
+    turn: float
+
+
+class ComparedNumber(NamedTuple):
+    """A number of a simulation beside its closed form.
+
+    Attributes:
+        name: What it is.
+        simulated: The number of the simulation.
+        closed: The number of the closed form.
+        allowed: Largest relative difference: of the step and of the stretch of the ropes.
+    """
+
+    name: str
+    simulated: float
+    closed: float
+    allowed: float
+
+    @property
+    def difference(self) -> float:
+        """Relative difference."""
+        return self.simulated / self.closed - 1.0
+
+
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Compare with closed forms, then lift the beam in all ways."""
+    lift = TandemLift(tandem_yard(), ("north", "south"), BEAM, ROPE)
+    compared = _compared(lift)
+    plan = plan_tandem(lift, START, GOAL, yaw=YAW)
+    cases = _cases(plan)
+    planned = cases[0]
+    checks = judge_tandem(planned.run, TandemRequirements(inclination=INCLINATION))
+    return Outcome(
+        tables=[_case_table(cases), _compared_table(compared), _check_table(checks)],
+        claims=[*_claims(compared, cases, plan), *_balance_claims(planned.run)],
+        parameters={"mass_kg": BEAM.mass, "dt_s": DT, "duration_s": plan.duration},
+        trajectories={f"tandem_{i}": case.run for i, case in enumerate(cases)},
+        figures={"shares": _figure(cases)},
+    )
+
+
+def _compared(lift: TandemLift) -> list[ComparedNumber]:
+    """Return shares and frequencies of a beam that hangs from drives that stand."""
+    gravity = lift.gravity
+    off_centre = replace(BEAM, lugs=((-7.0, 0.0, 0.4), (5.0, 0.0, 0.4)))
+    hanging = replace(lift, load=off_centre)
+    place = (0.0, -33.0, 5.0)
+    still = _standing(hanging, place)
+    run = simulate_tandem(hanging, still, start=_pose(place), duration=2.0, dt=DT)
+    weight = BEAM.mass * gravity
+    compared = []
+    for name, pull, share in zip(
+        lift.names, run.tensions[-1], static_shares(off_centre), strict=True
+    ):
+        compared.append(ComparedNumber(f"share of {name}", pull / weight, share, 1e-5))
+
+    still = _standing(lift, START)
+    unstretched = float(still.first.position[0, -1])
+    length = unstretched * (1.0 + 0.5 * BEAM.mass * gravity / ROPE.stiffness)
+    moved = LoadPose(np.add(START, (0.0, 0.02, 0.0)), Rotation.from_euler("z", YAW + 0.002))
+    run = simulate_tandem(lift, still, start=moved, duration=FREE_SWING, dt=DT)
+    sway = _frequency(run.t, run["load_y_m"] - START[1])
+    yaw = _frequency(run.t, run["yaw_rad"] - YAW)
+    # Zero crossings between rows of 20 ms, and and a period of small swings: 1e-5.
+    compared += [
+        ComparedNumber("sway along the lugs [rad/s]", sway, sway_frequency(length, gravity), 1e-5),
+        ComparedNumber("turning [rad/s]", yaw, yaw_frequency(BEAM, length, gravity), 1e-5),
+    ]
+    return compared
+
+
+def _standing(lift: TandemLift, place: Sequence[float]) -> TandemDrives:
+    """Return drives that stand where a lift from a place begins."""
+    above = (place[0], place[1], place[2] + 1.0)
+    plan = plan_tandem(lift, place, above, yaw=YAW)
+    motions = []
+    for motion in plan.drives:
+        position = np.repeat(motion.position[:1], 2, axis=0)
+        motions.append(DriveMotion(np.array([0.0, 1.0]), position, np.zeros_like(position)))
+    return TandemDrives(*motions)
+
+
+def _pose(place: Sequence[float]) -> LoadPose:
+    """Return the beam at a place, level and along the line of the towers."""
+    return LoadPose(np.array(place, dtype=float), Rotation.from_euler("z", YAW))
+
+
+def _frequency(t: np.ndarray, values: np.ndarray) -> float:
+    """Return the angular frequency of a swing about zero by its zero crossings [rad/s]."""
+    return math.pi / float(np.mean(np.diff(zero_crossings(t, values))))
+
+
+def _cases(plan: TandemPlan) -> list[TandemCase]:
+    """Return all lifts, the one as planned first."""
+    half_way = plan.duration / 2.0
+    slew, _, hoist = plan.lift.limits_of(1).accelerations
+    drives = plan.drives
+    heavier_end = replace(BEAM, lugs=((-7.5, 0.0, 0.4), (6.5, 0.0, 0.4)))
+    return [
+        _case("as planned", plan, drives),
+        _case("south 0.5 s late", plan, drives.delayed(0.5)),
+        _case("south 2 s late", plan, drives.delayed(2.0)),
+        _case(
+            "hoist of south stops",
+            plan,
+            drives._replace(second=drives.second.stopped(2, half_way, float(hoist))),
+        ),
+        _case(
+            "slew of south stops",
+            plan,
+            drives._replace(second=drives.second.stopped(0, half_way, float(slew))),
+        ),
+        _case("centre of mass 0.5 m aside", plan, drives, heavier_end),
+    ]
+
+
+def _case(
+    name: str, plan: TandemPlan, drives: TandemDrives, load: TandemLoad | None = None
+) -> TandemCase:
+    """Return a lift.
+
+    Args:
+        name: Its name.
+        plan: The plan.
+        drives: How the drives really move.
+        load: The real load; None for that of the plan.
+    """
+    lift = plan.lift if load is None else replace(plan.lift, load=load)
+    place = plan.start
+    if load is not None:
+        # The lugs hang where they were planned, so that the centre of mass is elsewhere.
+        moved = np.mean(np.array(BEAM.lugs) - np.array(load.lugs), axis=0)
+        place = plan.start + Rotation.from_euler("z", YAW).apply(moved)
+    run = simulate_tandem(lift, drives, start=_pose(place), dt=DT)
+    static = static_shares(BEAM) * BEAM.mass * lift.gravity
+    level = np.hypot(run["roll_rad"], run["pitch_rad"])
+    return TandemCase(
+        name=name,
+        run=run,
+        factors=run.tensions.max(axis=0) / static,
+        tilt=float(level.max()),
+        turn=float(np.abs(run["yaw_rad"] - YAW).max()),
+    )
+
+
+def _case_table(cases: Sequence[TandemCase]) -> ResultTable:
+    return make_table(
+        "Largest pulls over the static shares",
+        cases,
+        ("lift", "", lambda c: c.name),
+        ("north", ".3f", lambda c: float(c.factors[0])),
+        ("south", ".3f", lambda c: float(c.factors[1])),
+        ("ropes lean [°]", ".2f", lambda c: math.degrees(c.run.largest_inclination)),
+        ("tilt [°]", ".2f", lambda c: math.degrees(c.tilt)),
+        ("turn [°]", ".2f", lambda c: math.degrees(c.turn)),
+        note=f"A beam of {BEAM.mass / 1e3:g} t on lugs 14 m apart; a code of practice provides for "
+        f"{RULE:g} where two cranes are not synchronised. Drives that stop do so half way.",
+    )
+
+
+def _compared_table(compared: Sequence[ComparedNumber]) -> ResultTable:
+    return make_table(
+        "Beside closed forms",
+        compared,
+        ("quantity", "", lambda c: c.name),
+        ("simulated", ".6f", lambda c: c.simulated),
+        ("closed form", ".6f", lambda c: c.closed),
+        ("relative difference", "+.1e", lambda c: c.difference),
+        note="Shares: of a beam whose centre of mass is nearer to south. Frequencies: of swings of "
+        "2 cm and 0.1° on ropes that damp.",
+    )
+
+
+def _check_table(checks: Sequence[Claim]) -> ResultTable:
+    return make_table(
+        "The planned lift, judged",
+        checks,
+        ("verdict", "", lambda c: c.verdict.word),
+        ("check", "", lambda c: c.sentence),
+    )
+
+
+def _claims(
+    compared: Sequence[ComparedNumber], cases: Sequence[TandemCase], plan: TandemPlan
+) -> list[Claim]:
+    """Return the claims on closed forms and on the lifts."""
+    worst = max(compared, key=lambda c: abs(c.difference) / c.allowed)
+    planned, slightly_late, late, hoist_stops, *_ = cases
+    after = planned.run.t >= plan.duration
+    left = np.stack([planned.run[f"load_{axis}_m"] for axis in "xyz"], axis=1)[after]
+    error = float(np.linalg.norm(left - plan.goal, axis=1).max())
+    checks = judge_tandem(planned.run, TandemRequirements(inclination=INCLINATION))
+    failing = [check for check in checks if check.verdict is Verdict.FAILS]
+    return [
+        Claim(
+            f"Shares and frequencies are those of closed forms in {len(compared)} cases; worst: "
+            f"{worst.name}, {worst.difference:+.1e} of {worst.allowed:g} allowed.",
+            all(abs(c.difference) <= c.allowed for c in compared),
+        ),
+        Claim(
+            f"As planned the beam arrives and hangs still within {1e3 * error:.1f} mm of its goal "
+            "(5 mm allowed: the roll of the beam that the plan neglects).",
+            error <= 5e-3,
+        ),
+        Claim(
+            f"No check of the planned lift fails; its ropes pull with {planned.factors.max():.3f} "
+            "of the static shares at most.",
+            not failing,
+        ),
+        Claim(
+            f"A crane that is 0.5 s late stays below {RULE:g} of the static shares "
+            f"({slightly_late.factors.max():.3f}), and so does one that is 2 s late "
+            f"({late.factors.max():.3f}).",
+            max(slightly_late.factors.max(), late.factors.max()) <= RULE,
+        ),
+        _tilt_claim(hoist_stops),
+    ]
+
+
+def _tilt_claim(case: TandemCase) -> Claim:
+    """Return the claim on the shares of a beam that is left askew by a hoist that stops."""
+    run = case.run
+    tilt = float(run["roll_rad"][-1]), float(run["pitch_rad"][-1])
+    # Pitch is about Y of the beam: positive lowers the end of its second lug.
+    shares = run.tensions[-1] / run.tensions[-1].sum()
+    closed = static_shares(BEAM, -tilt[1])
+    return Claim(
+        f"A hoist that stops half way leaves the beam {math.degrees(abs(tilt[1])):.1f}° askew; its "
+        f"share of north is then {shares[0]:.4f}, by statics of plumb ropes {closed[0]:.4f} (0.002 "
+        "allowed, since the ropes lean).",
+        abs(shares[0] - closed[0]) <= 2e-3,
+    )
+
+
+def _balance_claims(run: TandemRun) -> list[Claim]:
+    """Return the claim on the energy of the planned lift."""
+    gained = run["energy_J"] - run["energy_J"][0]
+    open_balance = float(np.abs(gained - run["input_J"] + run["loss_J"]).max())
+    share = open_balance / float(gained[-1])
+    # The sums take each step at its begin: an error of the order of the step, as the rule has.
+    return [
+        Claim(
+            "The energy of the beam is what the cranes put in less what the ropes dissipate, to "
+            f"{share:.1e} of the {gained[-1] / 1e3:.1f} kJ that it gains (1e-3 allowed).",
+            share <= 1e-3,
+        )
+    ]
+
+
+def _figure(cases: Sequence[TandemCase]) -> Figure:
+    """Draw the pulls of both ropes over the static shares, a colour a lift."""
+    figure, axes = panels(2, height=2.4, sharex=True)
+    for crane, axis in enumerate(axes):
+        for i, case in enumerate(cases):
+            lift = case.run.lift
+            static = static_shares(BEAM)[crane] * BEAM.mass * lift.gravity
+            pull = case.run.tensions[:, crane] / static
+            axis.plot(case.run.t, pull, color=run_colour(i), label=case.name)
+        axis.set_ylabel(f"{cases[0].run.lift.names[crane]}: pull over share")
+    axes[-1].set_xlabel("time [s]")
+    legend_above(axes[0], columns=3)
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = harness.parser("tandem", __doc__, recording=False, engines=("pinocchio",))
+    return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
