@@ -117,6 +117,8 @@ PYTHON
 mv "$work/site-36s.png" docs/pictures/several_cranes.png
 "$python" -m experiments.site --site two_towers --hours 0.02 --minutes 6 --out "$work/site" || test $? = 1  # too short for its claims
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
+"$python" -m experiments.tandem --out "$work/tandem"
+mv "$work/tandem/shares.png" docs/pictures/tandem_shares.png
 "$python" -m experiments.sweep --out "$work/sweep"
 mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/pictures/
 "$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"

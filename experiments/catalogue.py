@@ -202,6 +202,11 @@ EXPERIMENTS = {
             "timetable": "Lifts of a shift over time, by crane.",
         },
     ),
+    "tandem": Entry(
+        "Two cranes at one load",
+        "A beam on two cranes: shares, late and stopped drives.",
+        figures={"shares": "Pull of each rope over its static share, by lift."},
+    ),
     "identify": Entry(
         "A crane, identified",
         "A crane's numbers, with intervals, from its records.",
@@ -252,7 +257,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "factors": "1 min",
         "liftoff": "20 s",
     },
-    "Sites": {"site": "3 min"},
+    "Sites": {"site": "3 min", "tandem": "20 s"},
     "Identification": {"identify": "1 min", "measured": "1 min"},
 }
 """Experiments by subject, each with about the time that it takes on two processors."""

@@ -140,7 +140,7 @@ def _compared(lift: TandemLift) -> list[ComparedNumber]:
     run = simulate_tandem(lift, still, start=moved, duration=FREE_SWING, dt=DT)
     sway = _frequency(run.t, run["load_y_m"] - START[1])
     yaw = _frequency(run.t, run["yaw_rad"] - YAW)
-    # Zero crossings between rows of 20 ms, and and a period of small swings: 1e-5.
+    # Zero crossings between rows of 20 ms, and a period of small swings: 1e-5.
     compared += [
         ComparedNumber("sway along the lugs [rad/s]", sway, sway_frequency(length, gravity), 1e-5),
         ComparedNumber("turning [rad/s]", yaw, yaw_frequency(BEAM, length, gravity), 1e-5),
@@ -159,7 +159,7 @@ def _standing(lift: TandemLift, place: Sequence[float]) -> TandemDrives:
     return TandemDrives(*motions)
 
 
-def _pose(place: Sequence[float]) -> LoadPose:
+def _pose(place: Sequence[float] | np.ndarray) -> LoadPose:
     """Return the beam at a place, level and along the line of the towers."""
     return LoadPose(np.array(place, dtype=float), Rotation.from_euler("z", YAW))
 
@@ -244,7 +244,7 @@ def _compared_table(compared: Sequence[ComparedNumber]) -> ResultTable:
         ("quantity", "", lambda c: c.name),
         ("simulated", ".6f", lambda c: c.simulated),
         ("closed form", ".6f", lambda c: c.closed),
-        ("relative difference", "+.1e", lambda c: c.difference),
+        ("relative difference", "+.1e>1e-8", lambda c: c.difference),
         note="Shares: of a beam whose centre of mass is nearer to south. Frequencies: of swings of "
         "2 cm and 0.1° on ropes that damp.",
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     import numpy as np
     from matplotlib.figure import Figure
 
-    from cranedyn.lifts.judging.loads import Loads
+    from cranedyn.data.time_series import TimeSeries
     from cranedyn.model.crane import Crane
     from cranedyn.recording import Run
 
@@ -63,7 +63,7 @@ class Outcome:
     tables: Sequence[ResultTable]
     claims: Sequence[Claim] = ()
     parameters: Mapping[str, object] = field(default_factory=dict)
-    trajectories: Mapping[str, Trajectory | Loads] = field(default_factory=dict)
+    trajectories: Mapping[str, TimeSeries] = field(default_factory=dict)
     figures: Mapping[str, Figure] = field(default_factory=dict)
     recording: Sequence[Run] = ()
     gaps: Mapping[str, np.ndarray] = field(default_factory=dict)

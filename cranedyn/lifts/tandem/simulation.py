@@ -59,6 +59,7 @@ class TandemRun(TimeSeries):
         t: Time [s], shape (rows,).
         values: Columns by name, shape (rows,) each.
         lift: The lift.
+        start: Where the load was at the start.
         parameters: Numbers of the run.
         record: What else belongs to it.
     """
@@ -66,6 +67,7 @@ class TandemRun(TimeSeries):
     t: np.ndarray
     values: Mapping[str, np.ndarray]
     lift: TandemLift
+    start: LoadPose
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
 
@@ -290,7 +292,8 @@ def _run(lift: TandemLift, rows: Sequence[_Row], ropes: _Ropes, dt: float) -> Ta
     values["input_J"] = np.array([row.input for row in rows])
     values["loss_J"] = np.array([row.loss for row in rows])
     parameters = {"dt_s": dt, "mass_kg": lift.load.mass, "gravity_m_s2": lift.gravity}
-    return TandemRun(dt * steps, values, lift, parameters)
+    start = LoadPose(rows[0].q[:3], Rotation.from_quat(rows[0].q[3:]))
+    return TandemRun(dt * steps, values, lift, start, parameters)
 
 
 def _energy(lift: TandemLift, row: _Row) -> float:
