@@ -119,6 +119,8 @@ mv "$work/site-36s.png" docs/pictures/several_cranes.png
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
 "$python" -m experiments.tandem --out "$work/tandem"
 mv "$work/tandem/shares.png" docs/pictures/tandem_shares.png
+"$python" -m experiments.snapshot "$work/tandem/tandem.rrd" -t 9 --size 1050 600 -o "$work"
+mv "$work/tandem-9s.png" docs/pictures/tandem.png
 "$python" -m experiments.sweep --out "$work/sweep"
 mv "$work/sweep/sweep_map.png" "$work/sweep/sweep_timing.png" docs/pictures/
 "$python" -m experiments.sweep --drive velocity --durations 3 --out "$work/sweep_velocity"

@@ -12,6 +12,7 @@ import math
 import sys
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
@@ -19,10 +20,12 @@ from matplotlib.figure import Figure
 from scipy.spatial.transform import Rotation
 
 from cranedyn.analysis.swing import zero_crossings
+from cranedyn.command import command
 from cranedyn.lifts.tandem.drives import DriveMotion, TandemDrives
 from cranedyn.lifts.tandem.judgement import TandemRequirements, judge_tandem
 from cranedyn.lifts.tandem.load import TandemLoad, TandemRope
 from cranedyn.lifts.tandem.plan import TandemLift, TandemPlan, plan_tandem
+from cranedyn.lifts.tandem.recording import record_tandem
 from cranedyn.lifts.tandem.simulation import LoadPose, TandemRun, simulate_tandem
 from cranedyn.lifts.tandem.statics import static_shares, sway_frequency, yaw_frequency
 from cranedyn.lifts.tandem.yard import tandem_yard
@@ -101,21 +104,23 @@ class ComparedNumber(NamedTuple):
         return self.simulated / self.closed - 1.0
 
 
-def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Compare with closed forms, then lift the beam in all ways."""
+def experiment() -> tuple[Outcome, TandemRun]:
+    """Compare with closed forms, then lift the beam in all ways; return the planned lift, too."""
     lift = TandemLift(tandem_yard(), ("north", "south"), BEAM, ROPE)
     compared = _compared(lift)
     plan = plan_tandem(lift, START, GOAL, yaw=YAW)
     cases = _cases(plan)
     planned = cases[0]
     checks = judge_tandem(planned.run, TandemRequirements(inclination=INCLINATION))
-    return Outcome(
+    outcome = Outcome(
         tables=[_case_table(cases), _compared_table(compared), _check_table(checks)],
         claims=[*_claims(compared, cases, plan), *_balance_claims(planned.run)],
         parameters={"mass_kg": BEAM.mass, "dt_s": DT, "duration_s": plan.duration},
         trajectories={f"tandem_{i}": case.run for i, case in enumerate(cases)},
         figures={"shares": _figure(cases)},
+        next_commands=["cranedyn view {folder}/tandem.rrd"],
     )
+    return outcome, planned.run
 
 
 def _compared(lift: TandemLift) -> list[ComparedNumber]:
@@ -342,9 +347,23 @@ def _figure(cases: Sequence[TandemCase]) -> Figure:
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run from the command line."""
+    """Run from the command line, then write the recording of the planned lift."""
+    runs: list[tuple[TandemRun, Path]] = []
+
+    def recorded(options: argparse.Namespace, setup: Setup) -> Outcome:
+        outcome, planned = experiment()
+        runs.append((planned, options.folder))
+        return outcome
+
     parser = harness.parser("tandem", __doc__, recording=False, engines=("pinocchio",))
-    return harness.run_experiment(parser, experiment, argv)
+    code = harness.run_experiment(parser, recorded, argv)
+    return command(lambda: _write_recording(*runs[0], code)) if runs else code
+
+
+def _write_recording(run: TandemRun, folder: Path, code: int) -> int:
+    """Write the recording of a run, and return the exit code of the experiment."""
+    print(f"In 3D: {record_tandem(folder / 'tandem.rrd', run)}.")
+    return code
 
 
 if __name__ == "__main__":

@@ -14,6 +14,7 @@ Nothing outside of this package imports Rerun. Begin with `record`:
 - `view`: records a run and opens it, in one step.
 - `cranedyn.recording.film`: films of runs as MP4, without a viewer.
 - `cranedyn.recording.snapshot`: pictures and GIFs without a display.
+- `cranedyn.recording.postures`: cranes and bodies that move as given, without a simulated crane.
 - `cranedyn.recording.sketch`: a crane from the side, as a matplotlib figure.
 
 Modules, in the order to read them: `contents` (runs and their surroundings), `recorder` (what is

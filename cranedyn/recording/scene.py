@@ -191,7 +191,7 @@ class Scene:
         self._run = run
         self._look = look
         self._crane = run.crane
-        self._tree = _urdf_tree(run)
+        self._tree = urdf_tree(run.crane, run.frame(""))
         self._ground = run.frame(self._tree.root_link().name)
         self._size = drawn_size(run.crane)
         self._has_arrows = run.crane.layout.has("trolley", _RADIAL_SWING, _TANGENTIAL_SWING)
@@ -347,7 +347,7 @@ class Scene:
         kinds = dict.fromkeys(shape.kind for shape in link_shapes if shape.mesh is None)
         for kind in kinds:
             group = [shape for shape in link_shapes if shape.kind == kind]
-            self._log(frame, _archetype(group, fill_mode), *parts, kind)
+            self._log(frame, archetype(group, fill_mode), *parts, kind)
 
     def _log_styles(self) -> None:
         """Log frames, colours and radii of the cables, the path, the contacts and the arrows.
@@ -482,7 +482,7 @@ class Scene:
         self._send(times, columns, "scene", "site", name)
 
 
-def _archetype(group: Sequence[Shape], fill_mode: Any) -> rr.AsComponents:
+def archetype(group: Sequence[Shape], fill_mode: Any) -> rr.AsComponents:
     """Return shapes of one kind, "box", "cylinder" or "sphere", as one entity of Rerun."""
     size = np.array([shape.size for shape in group])
     centers = np.array([shape.centre for shape in group])
@@ -514,12 +514,17 @@ def _archetype(group: Sequence[Shape], fill_mode: Any) -> rr.AsComponents:
     )
 
 
-def _urdf_tree(run: Run) -> UrdfTree:
-    """Load the checked skeleton of the URDF, which names no files; Rerun reads files only."""
+def urdf_tree(crane: Crane, frame_prefix: str) -> UrdfTree:
+    """Load the checked skeleton of the URDF, which names no files; Rerun reads files only.
+
+    Args:
+        crane: The crane.
+        frame_prefix: How the names of the coordinate frames of its links begin.
+    """
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder, "crane.urdf")
-        file.write_text(skeleton(parse_urdf(run.crane.urdf, "the crane")), encoding="utf-8")
-        return UrdfTree.from_file_path(file, frame_prefix=run.frame(""))
+        file.write_text(skeleton(parse_urdf(crane.urdf, "the crane")), encoding="utf-8")
+        return UrdfTree.from_file_path(file, frame_prefix=frame_prefix)
 
 
 def _child_link(crane: Crane, index: int) -> str:

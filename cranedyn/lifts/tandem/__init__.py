@@ -20,6 +20,7 @@ Public names:
 * `drives.TandemDrives` are those motions; `delayed` and `stopped` change them to those of drives
   that are not synchronised, or of which one stops.
 * `simulation.simulate_tandem` moves the load under both ropes, and returns a `TandemRun`.
+* `recording.record_tandem` shows a run in 3D.
 * `statics` has the shares of the load in closed form, `rules` how far codes of practice reduce the
   rated loads of two cranes, and `judgement.judge_tandem` compares a run with both.
 """

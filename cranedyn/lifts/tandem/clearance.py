@@ -84,11 +84,18 @@ def _structure(run: TandemRun, crane: int) -> PlacedCapsules:
 
 def _rope(run: TandemRun, crane: int) -> PlacedCapsules:
     """Return the capsule around the rope of a crane in each row."""
+    ends = rope_ends(run, crane)[:, None]
+    return PlacedCapsules(ends, np.full((len(run), 1), _ROPE_RADIUS), np.zeros(0))
+
+
+def rope_ends(run: TandemRun, crane: int) -> np.ndarray:
+    """Return pivot and lug of the rope of a crane in the frame of the site [m], shape
+    (rows, 2, 3).
+    """
     name = run.lift.names[crane]
     pivot = np.stack([run[f"{name}_pivot_{axis}_m"] for axis in "xyz"], axis=1)
-    lug = _centres(run) + _rotation(run).apply(np.array(run.lift.load.lugs[crane], dtype=float))
-    ends = np.stack([pivot, lug], axis=1)[:, None]
-    return PlacedCapsules(ends, np.full((len(run), 1), _ROPE_RADIUS), np.zeros(0))
+    lug = np.array(run.lift.load.lugs[crane], dtype=float)
+    return np.stack([pivot, load_centres(run) + load_rotations(run).apply(lug)], axis=1)
 
 
 def _load(run: TandemRun) -> PlacedCapsules:
@@ -98,8 +105,8 @@ def _load(run: TandemRun) -> PlacedCapsules:
     across = np.delete(size, longest)
     half = np.zeros(3)
     half[longest] = size[longest] / 2.0
-    axis = _rotation(run).apply(half)
-    centre = _centres(run)
+    axis = load_rotations(run).apply(half)
+    centre = load_centres(run)
     ends = np.stack([centre - axis, centre + axis], axis=1)[:, None]
     radius = float(np.linalg.norm(across)) / 2.0
     return PlacedCapsules(ends, np.full((len(run), 1), radius), np.zeros(0))
@@ -110,16 +117,16 @@ def _lowest_corner(run: TandemRun) -> np.ndarray:
     half = np.array(run.lift.load.size, dtype=float) / 2.0
     heights = []
     for signs in itertools.product((-1.0, 1.0), repeat=3):
-        heights.append(_rotation(run).apply(half * np.array(signs))[:, 2])
+        heights.append(load_rotations(run).apply(half * np.array(signs))[:, 2])
     return run["load_z_m"] + np.min(heights, axis=0)
 
 
-def _centres(run: TandemRun) -> np.ndarray:
+def load_centres(run: TandemRun) -> np.ndarray:
     """Return places of the centre of mass [m], shape (rows, 3)."""
     return np.stack([run[f"load_{axis}_m"] for axis in "xyz"], axis=1)
 
 
-def _rotation(run: TandemRun) -> Rotation:
+def load_rotations(run: TandemRun) -> Rotation:
     """Return the rotations of the load, one for each row."""
     angles = np.stack([run["roll_rad"], run["pitch_rad"], run["yaw_rad"]], axis=1)
     return Rotation.from_euler("xyz", angles)

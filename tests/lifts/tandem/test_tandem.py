@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -307,3 +308,30 @@ def test_slower_drives_take_longer() -> None:
     lift = replace(lift_of(rope=USUAL), limits=(SLOW, SLOW))
     plan = plan_tandem(lift, START, (4.0, -32.0, 9.0), yaw=YAW)
     assert plan.duration > 1.5 * planned().duration
+
+
+def test_a_recording_shows_both_cranes_the_ropes_and_the_load_where_they_are(
+    tmp_path: Path,
+) -> None:
+    from cranedyn.lifts.tandem.recording import record_tandem
+    from tests.rrd import rows
+
+    file = record_tandem(tmp_path / "tandem.rrd", lifted())
+    t, places = rows(file, "scene/load", "Transform3D:translation")
+    last = int(np.searchsorted(lifted().t, 1e-9 * t[-1] - 1e-6))
+    expected = [lifted()[f"load_{axis}_m"][last] for axis in "xyz"]
+    np.testing.assert_allclose(places[-1], expected, atol=1e-5)
+    _, ropes = rows(file, "south", "LineStrips3D:strips")
+    pivot = [lifted()[f"south_pivot_{axis}_m"][last] for axis in "xyz"]
+    np.testing.assert_allclose(ropes[-1, :3], pivot, atol=1e-4)
+    _, tension = rows(file, "north", "Scalars:scalars")
+    np.testing.assert_allclose(tension[:, 0], lifted()["north_tension_N"])
+
+
+def test_a_recording_of_numbers_that_are_not_finite_is_refused(tmp_path: Path) -> None:
+    from cranedyn.lifts.tandem.recording import record_tandem
+
+    broken = {**lifted().values, "load_x_m": np.full(len(lifted()), np.nan)}
+    with pytest.raises(OutOfRange, match="load"):
+        record_tandem(tmp_path / "tandem.rrd", replace(lifted(), values=broken))
+    assert not (tmp_path / "tandem.rrd").exists()
