@@ -13,7 +13,14 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.chart import ANY_RADIUS, CUT_OUT, WARNING
+from cranedyn.lifts.judging.chart import (
+    ANY_RADIUS,
+    BOOM_TOLERANCE,
+    CUT_OUT,
+    WARNING,
+    NotCovered,
+    RatedLoads,
+)
 from cranedyn.lifts.judging.loads import hanging_mass, jib_moment
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.certificate import Certificate
@@ -126,15 +133,15 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     columns = 2 if _has_jib(analysis) else 1
     figure, axes = panels(1, columns, height=3.4, width=5.5 * columns)
     rated = axes[0]
-    reevings = () if analysis.chart is None else analysis.chart.reevings
-    for reeving in reevings:
+    for reeving, is_used in _drawn_loads(analysis):
         # A chart of one load for all radii has no last one.
         last = reeving.radii[-1]
         if last == ANY_RADIUS:
             last = 1.5 * float(analysis.loads["radius_m"].max())
         radius = np.linspace(max(reeving.least, 0.5), last, 200)
-        style = "-" if reeving.count == analysis.inputs.falls else ":"
-        label = f"{reeving.count} falls"
+        style = "-" if is_used else ":"
+        boom = "" if reeving.boom is None else f", boom {reeving.boom:.4g} m"
+        label = f"{reeving.count} falls{boom}"
         rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
         points = reeving.radii <= last
         rated.plot(reeving.radii[points], reeving.rated[points] / 1e3, ".", color=COLOURS["limit"])
@@ -152,6 +159,35 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     jib.plot(stations, 1e-3 * envelope, color=COLOURS["x"])
     jib.set(xlabel="along the jib [m]", ylabel="largest moment [kN m]")
     return figure
+
+
+def _drawn_loads(analysis: LiftAnalysis) -> list[tuple[RatedLoads, bool]]:
+    """Return the rated loads that `draw_chart` draws, each with whether it is that of the lift: all
+    of a chart without lengths of the boom, and else those of the falls and the boom of the lift,
+    and of the next shorter and longer boom of the chart.
+    """
+    chart = analysis.chart
+    if chart is None:
+        return []
+    falls = analysis.inputs.falls
+    lengths = chart.booms(falls)
+    if not lengths:
+        return [(reeving, reeving.count == falls) for reeving in chart.reevings]
+    boom = analysis.loads.values.get("boom_m")
+    if boom is None:
+        return [(reeving, False) for reeving in chart.of_falls(falls)]
+    length = float(boom[0])
+    drawn = []
+    for reeving in chart.of_falls(falls):
+        assert reeving.boom is not None
+        is_next = abs(lengths.index(reeving.boom) - np.searchsorted(lengths, length) + 0.5) < 1.0
+        if is_next and abs(reeving.boom - length) > BOOM_TOLERANCE:
+            drawn.append((reeving, False))
+    try:
+        drawn.append((chart.on(falls, length), True))
+    except NotCovered:
+        pass  # the check of the utilisation says so
+    return drawn
 
 
 def draw_wind(limit: WindLimit, required: float) -> Figure:

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.checks import whole, within
-from cranedyn.lifts.judging.chart import CUT_OUT, Chart
+from cranedyn.lifts.judging.chart import CUT_OUT, Chart, RatedLoads
 from cranedyn.lifts.judging.loads import loads_of_rows
+from cranedyn.lifts.planning.boom import boom_length
 from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.perturbed import PerturbedBatch, simulate_perturbed
 
@@ -153,8 +154,10 @@ def wind_limit(
     Raises:
         OutOfRange: If a limit or the count is out of its range.
         UnknownName: If the chart has no such number of falls.
+        NotCovered: If the chart does not cover the length of the boom.
     """
-    chart.on(falls)  # refuses an unknown number of falls before anything is simulated
+    # Refuses an unknown number of falls, or length of the boom, before anything is simulated.
+    rated = chart.on(falls, boom_length(certificate.lift.crane, certificate.lift.crane.start.q))
     allowed = {
         "utilisation": CUT_OUT,
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
@@ -167,7 +170,7 @@ def wind_limit(
     lowest = np.array([0.0, SHORTEST_GUST, -math.pi])
     widths = np.array([arrival, LONGEST_GUST - SHORTEST_GUST, 2.0 * math.pi])
     highest = lowest + widths
-    trial = _Trial(certificate, chart, falls, allowed, dt)
+    trial = _Trial(certificate, rated, allowed, dt)
 
     speeds = np.arange(STEP, STRONGEST + STEP / 2.0, STEP)
     rows = trial.simulate(speeds, lowest + widths * rng.random((count, 3)))
@@ -192,15 +195,13 @@ class _Trial:
 
     Attributes:
         certificate: The lift.
-        chart: Load chart of the crane.
-        falls: Number of falls that carry the hook; None for the fewest of the chart.
+        rated: Rated loads of the crane, on the falls and with the boom of the lift.
         allowed: Limits by name.
         dt: Physics step [s].
     """
 
     certificate: Certificate
-    chart: Chart
-    falls: int | None
+    rated: RatedLoads
     allowed: Mapping[str, float]
     dt: float
 
@@ -233,7 +234,7 @@ class _Trial:
             failed = -_FAILED if name == "clearance" else _FAILED
             values[name] = np.full(len(rows), failed)
         for batch in simulate_perturbed(self.certificate, drawn, dt=self.dt):
-            _enter_values(values, batch, self.chart, self.falls)
+            _enter_values(values, batch, self.rated)
         return np.column_stack([rows, *values.values()])
 
 
@@ -270,15 +271,14 @@ def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
 
 
 def _enter_values(
-    values: dict[str, np.ndarray], perturbed: PerturbedBatch, chart: Chart, falls: int | None
+    values: dict[str, np.ndarray], perturbed: PerturbedBatch, rated: RatedLoads
 ) -> None:
     """Enter the values of some lifts; those of lifts that failed stay as they are.
 
     Args:
         values: Value of each limit for all lifts, by name, shape (n,) each; changed in place.
         perturbed: Some of these lifts.
-        chart: Load chart of the crane.
-        falls: Number of falls that carry the hook; None for the fewest of the chart.
+        rated: Rated loads of the crane.
     """
     batch = perturbed.batch
     valid = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)
@@ -294,14 +294,13 @@ def _enter_values(
         perturbed.force[valid],
     )
     # Outside of its radii a chart has no rated load: such a lift has failed.
-    reeving = chart.on(falls)
     gravity = perturbed.crane.gravity
     radius = loads.get("radius_m")
     if radius is None:  # it does not slew
-        used = loads["pull_N"] / (gravity * reeving.constant)
+        used = loads["pull_N"] / (gravity * rated.constant)
     else:
-        inside = np.clip(radius, reeving.least, reeving.radii[-1])
-        used = loads["pull_N"] / (gravity * reeving.at(inside))
+        inside = np.clip(radius, rated.least, rated.radii[-1])
+        used = loads["pull_N"] / (gravity * rated.at(inside))
         used = np.where(inside == radius, used, _FAILED)
     values["utilisation"][rows] = used.max(axis=1)
     # Both leads are angles from plumb in planes at right angles: squares of their tangents add.
