@@ -153,8 +153,8 @@ def _cylinder(crane: Crane, joint: int, described: ET.Element, element: ET.Eleme
     if layout.kind == "prismatic":
         if element.get("foot") or element.get("head"):
             raise ModelError(
-                f"The <{TAG}> of {layout.name} lies along a prismatic joint; leave out its foot and "
-                "head."
+                f"The <{TAG}> of {layout.name} lies along a prismatic joint; leave out its foot "
+                "and head."
             )
         return Cylinder(joint, layout.name, layout.symbol, area)
     axis = joint_axis(described)
@@ -191,9 +191,9 @@ def _refuse_dead_centre(cylinder: Cylinder, low: float, high: float) -> None:
     if next_one <= high or min(ends) < _DEAD_CENTRE:
         where = next_one if next_one <= high else (low, high)[int(np.argmin(ends))]
         raise ModelError(
-            f"The <{TAG}> of {cylinder.name} has no lever arm at {where:.4g} rad, where foot, hinge "
-            f"and head are in line; the joint goes from {low:g} to {high:g} rad. Move the foot or "
-            "the head, or narrow the range."
+            f"The <{TAG}> of {cylinder.name} has no lever arm at {where:.4g} rad, where foot, "
+            f"hinge and head are in line; the joint goes from {low:g} to {high:g} rad. Move the "
+            "foot or the head, or narrow the range."
         )
 
 
