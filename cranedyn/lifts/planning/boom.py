@@ -76,6 +76,16 @@ def boom_vector(crane: Crane, boom: Boom, q: np.ndarray) -> np.ndarray:
     return vector - (vector @ axis) * axis
 
 
+def boom_ends(crane: Crane, boom: Boom, q: np.ndarray) -> np.ndarray:
+    """Return the hinge and the head of a boom in the frame of the crane [m], shape (2, 3), at
+    coordinates of shape (n,).
+    """
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, q)
+    joints = (boom.luff + 1, boom.head + 1)
+    return np.array([data.oMi[joint].translation for joint in joints])
+
+
 def boom_length(crane: Crane, q: np.ndarray) -> float | None:
     """Return the length of the boom of a crane [m] at coordinates of shape (n,); None if it has no
     boom.
