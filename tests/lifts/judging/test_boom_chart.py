@@ -5,6 +5,7 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,8 +15,10 @@ from hypothesis import strategies as st
 from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.lifts.judging.chart import Chart, NotCovered, RatedLoads, read_chart, utilisation
 from cranedyn.lifts.judging.chart_setup import setup_gap
+from cranedyn.lifts.judging.lift_checks import utilisation_below_warning
 from cranedyn.lifts.judging.loads import Loads
 from cranedyn.lifts.planning.site import Base, Site
+from cranedyn.verdict import Verdict
 
 SHORT = RatedLoads(4, np.array([4.0, 8.0, 12.0]), np.array([40e3, 18e3, 9e3]), 3.0, 20.0)
 LONG = RatedLoads(4, np.array([6.0, 10.0, 16.0]), np.array([20e3, 12e3, 7e3]), 6.0, 30.0)
@@ -220,3 +223,17 @@ def test_a_chart_is_for_one_counterweight_and_one_base(
 ) -> None:
     reason = setup_gap(chart, 4, site)
     assert re.search(words, reason) and bool(words) == bool(reason)
+
+
+@pytest.mark.parametrize(
+    ("covers", "verdict"), [(False, Verdict.NOT_JUDGED), (True, Verdict.FAILS)]
+)
+def test_what_a_chart_says_nothing_about_is_not_judged_and_what_it_does_not_permit_fails(
+    covers: bool, verdict: Verdict
+) -> None:
+    analysis = SimpleNamespace(
+        chart=CHART, chart_covers=covers, chart_error="the reason.", utilisation=None
+    )
+    check = utilisation_below_warning(analysis)  # type: ignore[arg-type]
+    assert check.verdict is verdict
+    assert check.sentence.endswith(": the reason.")

@@ -124,7 +124,7 @@ def short_lift(street: Path) -> str:
     return text[: text.index("[[box]]")]
 
 
-@pytest.mark.long
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("file", "old", "new", "verdict", "words"),
     [

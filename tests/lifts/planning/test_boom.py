@@ -70,7 +70,7 @@ def test_a_telescope_beside_the_line_of_the_boom_is_held_where_that_length_is(
 
 
 def test_a_length_that_a_boom_cannot_have_is_refused() -> None:
-    with pytest.raises(OutOfRange, match="boom is 36 m; allowed is 11 to 35.6"):
+    with pytest.raises(OutOfRange, match=r"boom is 36 m; allowed is 11 to 35\.6"):
         telescope_at(kind("mobile"), 36.0)
     with pytest.raises(ModelError, match="luffing_crane has no boom that telescopes"):
         telescope_at(kind("luffing"), 45.0)
