@@ -15,9 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.checks import whole, within
-from cranedyn.lifts.judging.chart import CUT_OUT, Chart, RatedLoads
+from cranedyn.lifts.judging.chart import CUT_OUT, Chart
 from cranedyn.lifts.judging.loads import loads_of_rows
-from cranedyn.lifts.planning.boom import boom_length
 from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.perturbed import PerturbedBatch, simulate_perturbed
 
@@ -156,8 +155,7 @@ def wind_limit(
         UnknownName: If the chart has no such number of falls.
         NotCovered: If the chart does not cover the length of the boom.
     """
-    # Refuses an unknown number of falls, or length of the boom, before anything is simulated.
-    rated = chart.on(falls, boom_length(certificate.lift.crane, certificate.lift.crane.start.q))
+    chart.of_falls(falls)  # refuses an unknown number of falls before anything is simulated
     allowed = {
         "utilisation": CUT_OUT,
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
@@ -170,7 +168,7 @@ def wind_limit(
     lowest = np.array([0.0, SHORTEST_GUST, -math.pi])
     widths = np.array([arrival, LONGEST_GUST - SHORTEST_GUST, 2.0 * math.pi])
     highest = lowest + widths
-    trial = _Trial(certificate, rated, allowed, dt)
+    trial = _Trial(certificate, chart, falls, allowed, dt)
 
     speeds = np.arange(STEP, STRONGEST + STEP / 2.0, STEP)
     rows = trial.simulate(speeds, lowest + widths * rng.random((count, 3)))
@@ -195,13 +193,15 @@ class _Trial:
 
     Attributes:
         certificate: The lift.
-        rated: Rated loads of the crane, on the falls and with the boom of the lift.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
         allowed: Limits by name.
         dt: Physics step [s].
     """
 
     certificate: Certificate
-    rated: RatedLoads
+    chart: Chart
+    falls: int | None
     allowed: Mapping[str, float]
     dt: float
 
@@ -234,7 +234,7 @@ class _Trial:
             failed = -_FAILED if name == "clearance" else _FAILED
             values[name] = np.full(len(rows), failed)
         for batch in simulate_perturbed(self.certificate, drawn, dt=self.dt):
-            _enter_values(values, batch, self.rated)
+            _enter_values(values, batch, self.chart, self.falls)
         return np.column_stack([rows, *values.values()])
 
 
@@ -271,14 +271,15 @@ def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
 
 
 def _enter_values(
-    values: dict[str, np.ndarray], perturbed: PerturbedBatch, rated: RatedLoads
+    values: dict[str, np.ndarray], perturbed: PerturbedBatch, chart: Chart, falls: int | None
 ) -> None:
     """Enter the values of some lifts; those of lifts that failed stay as they are.
 
     Args:
         values: Value of each limit for all lifts, by name, shape (n,) each; changed in place.
         perturbed: Some of these lifts.
-        rated: Rated loads of the crane.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
     """
     batch = perturbed.batch
     valid = np.isfinite(batch.q).all(axis=(1, 2)) & ~np.isfinite(batch.valid_until)
@@ -294,13 +295,15 @@ def _enter_values(
         perturbed.force[valid],
     )
     # Outside of its radii a chart has no rated load: such a lift has failed.
+    boom = loads.get("boom_m")  # a lift is planned with a boom of one length
+    reeving = chart.on(falls, None if boom is None else float(boom.flat[0]))
     gravity = perturbed.crane.gravity
     radius = loads.get("radius_m")
     if radius is None:  # it does not slew
-        used = loads["pull_N"] / (gravity * rated.constant)
+        used = loads["pull_N"] / (gravity * reeving.constant)
     else:
-        inside = np.clip(radius, rated.least, rated.radii[-1])
-        used = loads["pull_N"] / (gravity * rated.at(inside))
+        inside = np.clip(radius, reeving.least, reeving.radii[-1])
+        used = loads["pull_N"] / (gravity * reeving.at(inside))
         used = np.where(inside == radius, used, _FAILED)
     values["utilisation"][rows] = used.max(axis=1)
     # Both leads are angles from plumb in planes at right angles: squares of their tangents add.
