@@ -5,6 +5,7 @@ both engines.
 from __future__ import annotations
 
 from functools import cache
+from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
@@ -12,6 +13,8 @@ import pytest
 
 from cranedyn.controllers import hold_controller, lqr
 from cranedyn.dynamics.equations_of_motion import holding_effort
+from cranedyn.errors import ModelError
+from cranedyn.export import gazebo, ros2
 from cranedyn.model.crane import STANDARD_GRAVITY, Crane
 from cranedyn.model.description import XACRO, arguments
 from cranedyn.model.load import load_crane
@@ -119,6 +122,18 @@ def test_an_lqr_brings_it_to_rest_at_another_boom_and_angle() -> None:
     run = simulate(crane, controller, hold(crane, goal), duration=60.0, engine="compiled")
     resting = crane.resting(goal.q)
     assert np.abs(run.q[-1] - resting).max() < 1e-3
+
+
+def test_what_no_simulator_would_couple_is_refused_or_said(tmp_path: Path) -> None:
+    program = gazebo.Program(mobile(), hold_controller(mobile()), None, mobile().start, 0.1)
+    with pytest.raises(ModelError, match=r"The export to Gazebo Classic is made for joints that"):
+        gazebo.export(tmp_path / "gazebo", program)
+    package = ros2.export(tmp_path / "mobile", mobile())
+    notes = (package / "README.md").read_text()
+    assert "section_3_joint follows telescope_joint (<mimic>)" in notes
+    urdf = (package / "urdf" / "crane.urdf").read_text()
+    assert urdf.count("<mimic") == 2
+    assert "hydraulicCylinder" not in urdf  # which only this project reads
 
 
 @pytest.mark.slow
