@@ -57,7 +57,7 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         crane_values = {**site.crane, "payload_mass": load}
         site = replace(site, crane=crane_values, rigging={"hook": 0.0, "slings": 0.0})
     if chart is not None:
-        chart.on(options.falls)
+        chart.of_falls(options.falls)  # refuses a number that the chart does not have
     return judge(
         site,
         chart,

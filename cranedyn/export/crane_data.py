@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from cranedyn.clocks import at_begin_of_run, intervals
 from cranedyn.controllers.affine import Affine, ControllerStates, affine_form
+from cranedyn.dynamics.cylinders import TAG as CYLINDER_TAG
 from cranedyn.dynamics.equations_of_motion import holding_effort, over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange, quoted
 from cranedyn.interfaces import Controller
@@ -334,11 +335,12 @@ class LengthSpring:
 
 
 def remove_length_tags(robot: ET.Element) -> None:
-    """Remove the tags of a rope and of two falls from a URDF, in place: only cranedyn reads
-    them.
+    """Remove the tags of a rope, of two falls and of cylinders from a URDF, in place: only
+    cranedyn reads them.
     """
+    tags = ("ropeStiffness", "fallSpacing", CYLINDER_TAG)
     for block in robot.findall("gazebo"):
-        for child in [*block.findall("ropeStiffness"), *block.findall("fallSpacing")]:
+        for child in [child for child in block if child.tag in tags]:
             block.remove(child)
         if len(block) == 0:
             robot.remove(block)

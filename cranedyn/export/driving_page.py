@@ -660,6 +660,7 @@ def _chart_of(options: argparse.Namespace, site: Site | None) -> RatedLoads | No
     Raises:
         DataError: If the file is no chart.
         UnknownName: If no chart has the name, or the chart lacks the falls of the site.
+        NotCovered: If the chart has loads by the length of the boom, and not for that of the site.
     """
     chart = options.chart
     # The chart of a site is that of its own crane; another crane needs one of its own.
@@ -668,7 +669,9 @@ def _chart_of(options: argparse.Namespace, site: Site | None) -> RatedLoads | No
         chart = site.chart
     if chart is None:
         return None
-    return read_chart(chart).on(None if site is None else site.falls)
+    if site is None:
+        return read_chart(chart).on()
+    return read_chart(chart).on(site.falls, site.boom)
 
 
 def _name_crane_of_site(options: argparse.Namespace, described: DescribedCrane) -> None:

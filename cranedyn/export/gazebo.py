@@ -213,7 +213,8 @@ def export(
         DataError: If the folder exists or cannot be written, or the controller is not affine in
             the state.
         ModelError: If the crane has a link without mass or inertia, which Gazebo drops with all
-            that it carries, a joint with an armature, or an element that no URDF has.
+            that it carries, a joint with an armature or one that follows another, or an element
+            that no URDF has.
         OutOfRange: If the drives follow prescribed motion, or a number is not allowed.
         UnknownName: If there is no such solver.
     """
@@ -223,6 +224,8 @@ def export(
     if not 0.0 <= erp <= 1.0:
         raise OutOfRange("erp", erp, "0 to 1")
     every = whole("control instants between rows", every, 1)
+    # Gazebo Classic does not know <mimic>: followers would move freely.
+    program.crane.require_independent_joints("The export to Gazebo Classic")
     robot = urdf_element(program.crane)
     notes = mesh_notes(program.crane, robot) + remove_control(robot)
     model = anchor_to_world(program.crane, robot, "Gazebo")

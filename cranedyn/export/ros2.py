@@ -126,6 +126,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
     anchor_to_world(crane, robot, "ROS")
     notes += write_length_spring(crane, robot)
     notes += give_bodies_to_points(crane, robot)
+    notes += _follower_notes(crane)
     give_light_bodies(crane, robot)
     check_inertias(crane, robot, "Gazebo", least_mass=GAZEBO_LEAST_MASS)
     moving = joints(crane, robot)
@@ -158,6 +159,20 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
         for path, tree in trees.items():
             (draft / path).write_bytes(xml_bytes(tree))
     return folder
+
+
+def _follower_notes(crane: Crane) -> list[str]:
+    """Return a sentence on each joint that follows another: RViz and the description know it, and
+    the default engine of gz sim and Gazebo Classic let it move freely.
+    """
+    return [
+        f"{joint.name} follows {joint.follows} (<mimic>). gz sim couples them only with the engine "
+        "gz-physics-bullet-featherstone-plugin; with its default engine, and in Gazebo Classic, "
+        f"{joint.name} moves freely. To simulate there, export the crane with {joint.follows} held "
+        "(--locked)."
+        for joint in crane.layout.joints
+        if joint.follows
+    ]
 
 
 def _control(moving: Sequence[ExportedJoint]) -> ET.Element:

@@ -36,6 +36,7 @@ CRANES: dict[str, Callable[[], Crane]] = {
     "two falls": lambda: load_crane(fall_spacing=1.0),
     "luffing": lambda: load_crane(XACRO.with_name("luffing_crane.urdf.xacro")),
     "overhead": lambda: load_crane(XACRO.with_name("overhead_crane.urdf.xacro")),
+    "mobile": lambda: load_crane(XACRO.with_name("mobile_crane.urdf.xacro")),
     "wall": _wall,
     "INTECO": lambda: load_crane(machine="inteco_3dcrane"),
     "gantry": _gantry,

@@ -32,6 +32,7 @@ the sentence with which cranedyn refuses, is another one. It runs in a clone of 
 | elastic rope | the same on a rope that stretches |
 | two falls | the same on two parallel falls |
 | luffing, overhead | the luffing and the overhead crane of this project |
+| mobile | the mobile crane of this project, with a boom of sections that extend together |
 | wall | a wall crane, `examples/wall_crane.urdf` |
 | INTECO | a laboratory crane of the [library](measured.md), `machine="inteco_3dcrane"` |
 | gantry | a gantry crane without any declared drive, `examples/cranes/gantry.urdf` |

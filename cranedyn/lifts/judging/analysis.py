@@ -111,6 +111,9 @@ class LiftAnalysis:
         utilisation: Utilisation of the chart in each row; None without a chart or where it does not
             reach.
         chart_error: Why the chart does not reach; empty where it does.
+        chart_covers: Whether the chart is for this crane as it stands, and for the boom and the
+            radii of the lift. If not, nothing follows from it; if it is and does not reach, the
+            lift is not permitted.
         wind: Wind limit; None if there is no chart or it does not reach, the plan does not hold, or
             no gusts were asked for.
         perturbed: Perturbed lifts; None if the plan does not hold or none were asked for.
@@ -131,6 +134,7 @@ class LiftAnalysis:
     perturbed: Perturbed | None
     grounded: GroundedLift | None = None
     unusual: tuple[str, ...] = ()
+    chart_covers: bool = True
     hoisting: HoistingClass = "HC2"
     drive: DriveClass = "HD4"
 

@@ -1,16 +1,21 @@
-"""Load charts: the rated load of a crane by radius and number of falls, and the utilisation of a
-run.
+"""Load charts: the rated load of a crane by radius, number of falls and length of the boom, and the
+utilisation of a run.
 
 Between two points of a chart the rated load falls so that its moment is a straight line over the
 radius, as makers' charts do. That is never more than the straight line of the loads themselves
 where these fall, and never more than the load at the point before.
+
+Between two lengths of the boom a chart interpolates only if its file says so; without a word the
+smaller load of both counts.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
-from typing import NamedTuple
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 
@@ -18,6 +23,7 @@ from cranedyn import theory
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import Misshapen, OutOfRange, UnknownName
+from cranedyn.lifts.judging.boom_table import BoomColumn, read_boom_table
 from cranedyn.lifts.judging.loads import Loads, loads
 from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, example_path, read_fields
 from cranedyn.lifts.planning.site_table import SiteTable
@@ -45,11 +51,23 @@ _MAX_RADIUS = 1e4
 ANY_RADIUS = _MAX_RADIUS
 """Radius of the only point of a chart that gives one load for all radii [m]."""
 
+BOOM_TOLERANCE = 0.05
+"""Largest difference of a boom's length from one of the chart that counts as the same [m]: makers
+round lengths to decimetres."""
+
+BetweenBooms = Literal["smaller", "linear", "none"]
+"""What counts for a boom between two lengths of a chart: the smaller load of both neighbours, the
+load on the straight line between theirs, or none."""
+
 _MIN_LOAD = 1e-3
 """Least rated load of a chart [kg]."""
 
 _MAX_LOAD = 1e9
 """Largest rated load of a chart [kg]."""
+
+
+class NotCovered(OutOfRange):
+    """A boom, a radius or a state of a crane about which its chart says nothing."""
 
 
 @dataclass(frozen=True)
@@ -118,13 +136,15 @@ class Reeving:
 
 @dataclass(frozen=True, eq=False)
 class RatedLoads:
-    """Rated loads of a crane by radius, for one number of falls.
+    """Rated loads of a crane by radius, for one number of falls and one length of the boom.
 
     Attributes:
         count: Number of falls of the rope that carry the hook.
         radii: Radii of the points of the chart, increasing [m], shape (k,).
         rated: Load that may hang there, the hook and all slings counted [kg], shape (k,).
         least: Smallest radius at which the load of the first point may hang [m].
+        boom: Length of the boom from its hinge to its head [m]; None for a jib or boom of which
+            there is one length.
 
     Raises:
         OutOfRange: If radii do not increase, loads rise with radius, or a number is outside of what
@@ -135,10 +155,14 @@ class RatedLoads:
     radii: np.ndarray
     rated: np.ndarray
     least: float = 0.0
+    boom: float | None = None
 
     def __post_init__(self) -> None:
         """Check that it is a chart."""
         whole("number of falls", self.count, 1)
+        if self.boom is not None:
+            length = number("boom of the chart", self.boom, "m", "> 0")
+            object.__setattr__(self, "boom", length)
         radii = finite("radii", self.radii, ("k",), unit="m", meaning="a list of numbers [m]")
         rated = finite("loads", self.rated, ("k",), unit="kg", meaning="a list of numbers [kg]")
         if len(rated) != len(radii):
@@ -162,6 +186,11 @@ class RatedLoads:
                 f"{rated[i + 1]:g} kg after {rated[i]:g} kg at {radii[i]:g} m",
                 "no more than at a smaller radius",
             )
+
+    def __str__(self) -> str:
+        """Return for what it is, such as "6 falls and a boom of 24 m"."""
+        boom = "" if self.boom is None else f" and a boom of {self.boom:g} m"
+        return f"{self.count} falls{boom}"
 
     @property
     def constant(self) -> float:
@@ -187,7 +216,7 @@ class RatedLoads:
         radius = np.asarray(radius, dtype=float)
         outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
         if outside.any():
-            name = f"radius on {self.count} falls"
+            name = f"radius on {self}"
             worst = f"{radius[outside].flat[0]:.6g}"
             allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
             raise OutOfRange(name, worst, allowed, "m")
@@ -208,24 +237,113 @@ class Chart:
     Attributes:
         name: The crane and its jib.
         source: Where its numbers are from.
-        reevings: Rated loads for each number of falls, the fewest first.
+        reevings: Rated loads for each number of falls, the fewest first, and of one number for each
+            length of the boom, the shortest first.
+        between_booms: What counts for a boom between two lengths of the chart.
+        counterweight: Counterweight for which the chart is made [kg]; None if it does not say.
+        outriggers: Distance of neighbouring outriggers for which it is made [m]; None if it does
+            not say, or the crane has none.
     """
 
     name: str
     source: str
     reevings: tuple[RatedLoads, ...]
+    between_booms: BetweenBooms = "smaller"
+    counterweight: float | None = None
+    outriggers: float | None = None
 
-    def on(self, falls: int | None = None) -> RatedLoads:
-        """Return the rated loads on a number of falls; None for the fewest.
+    @property
+    def counts(self) -> list[int]:
+        """The numbers of falls, the fewest first."""
+        return sorted({reeving.count for reeving in self.reevings})
+
+    def of_falls(self, falls: int | None = None) -> list[RatedLoads]:
+        """Return the rated loads on a number of falls, those of the shortest boom first; None for
+        the fewest.
 
         Raises:
             UnknownName: If the chart has no such number of falls.
         """
-        for reeving in self.reevings:
-            if falls is None or reeving.count == falls:
+        count = self.counts[0] if falls is None else falls
+        found = [reeving for reeving in self.reevings if reeving.count == count]
+        if not found:
+            names = [str(known) for known in self.counts]
+            raise UnknownName("number of falls", short_repr(falls), names)
+        return found
+
+    def booms(self, falls: int | None = None) -> list[float]:
+        """Return the lengths of the boom [m] on a number of falls, the shortest first; an empty
+        list if the chart does not tell lengths apart. Raises as `of_falls`.
+        """
+        return [one.boom for one in self.of_falls(falls) if one.boom is not None]
+
+    def on(self, falls: int | None = None, boom: float | None = None) -> RatedLoads:
+        """Return the rated loads on a number of falls with a length of the boom.
+
+        Between two lengths of the chart they are for the radii that both have; `between_booms` says
+        which load counts.
+
+        Args:
+            falls: Number of falls; None for the fewest.
+            boom: Length of the boom [m]; it counts only for a chart that tells lengths apart.
+
+        Raises:
+            UnknownName: If the chart has no such number of falls.
+            NotCovered: If the chart tells lengths apart, and does not cover this one.
+        """
+        found = self.of_falls(falls)
+        lengths = self.booms(falls)
+        if not lengths:
+            return found[0]
+        called = f"length of the boom on {found[0].count} falls"
+        listed = ", ".join(f"{length:g}" for length in lengths)
+        if boom is None:
+            raise NotCovered(called, "not known", f"one of the chart: {listed} m")
+        for reeving, length in zip(found, lengths, strict=True):
+            if abs(boom - length) <= BOOM_TOLERANCE:
                 return reeving
-        counts = [str(reeving.count) for reeving in self.reevings]
-        raise UnknownName("number of falls", short_repr(falls), counts)
+        for shorter, longer in pairwise(found):
+            assert shorter.boom is not None and longer.boom is not None
+            if shorter.boom < boom < longer.boom and self.between_booms != "none":
+                return _between(shorter, longer, boom, self.between_booms)
+        allowed = f"{lengths[0]:g} to {lengths[-1]:g}, where the chart is"
+        if self.between_booms == "none":
+            allowed = f"{listed}: the chart has no loads for lengths between these"
+        raise NotCovered(called, f"{boom:.6g}", allowed, "m")
+
+
+def _between(
+    shorter: RatedLoads, longer: RatedLoads, boom: float, between: BetweenBooms
+) -> RatedLoads:
+    """Return the rated loads of a boom between two lengths of a chart, at the radii of both.
+
+    Between two of these points the moments of both lengths are straight lines, and the smaller one
+    of both is concave. So the straight line of the moment that counts is nowhere above it.
+
+    Raises:
+        NotCovered: If both have no radius in common.
+    """
+    least = max(shorter.least, longer.least)
+    last = min(float(shorter.radii[-1]), float(longer.radii[-1]))
+    if least > last:
+        raise NotCovered(
+            "length of the boom",
+            f"{boom:.6g} m, between {shorter.boom:g} and {longer.boom:g} m",
+            "a length of the chart: both neighbours have loads at no radius in common",
+        )
+    points = np.union1d(shorter.radii, longer.radii)
+    points = points[(points >= least) & (points <= last)]
+    radii = np.union1d(points, [least, last] if least > 0.0 else [last])
+    of_shorter = shorter.at(radii)
+    of_longer = longer.at(radii)
+    rated = np.minimum(of_shorter, of_longer)
+    if between == "linear":
+        assert shorter.boom is not None and longer.boom is not None
+        share = (boom - shorter.boom) / (longer.boom - shorter.boom)
+        rated = (1.0 - share) * of_shorter + share * of_longer
+    # Both fall with the radius, but for round-off.
+    rated = np.minimum.accumulate(rated)
+    return RatedLoads(shorter.count, radii, rated, least, boom)
 
 
 class CutOut(NamedTuple):
@@ -259,17 +377,71 @@ def utilisation(
 
     Raises:
         UnknownName: If the chart has no such number of falls.
-        OutOfRange: If the trolley leaves the radii of the chart, the pull is not finite, gravity is
-            outside of `GRAVITY`, or the crane does not slew and the chart has loads by radius.
+        NotCovered: If the chart tells lengths of the boom apart, and does not cover that of the
+            run, the boom changes its length during the run, or no length of the chart has the
+            radius.
+        OutOfRange: If the rope's upper end leaves the radii of the chart, the pull is not finite,
+            gravity is outside of `GRAVITY`, or the crane does not slew and the chart has loads by
+            radius.
         UnknownColumn: If the loads are those of a crane without a hoist.
     """
     within("gravity", gravity, *GRAVITY, "m/s²")
     pull = finite("pull of what hangs", loads["pull_N"], ("rows",), unit="N")
-    reeving = chart.on(falls)
+    reeving = chart.on(falls, _boom_of_run(loads, chart, falls))
     radius = loads.values.get("radius_m")
     if radius is None:  # it does not slew
         return pull / (gravity * reeving.constant)
+    if reeving.boom is not None:
+        _refuse_radii_of_no_boom(chart, reeving.count, radius)
     return pull / (gravity * reeving.at(radius))
+
+
+def _boom_of_run(loads: Loads, chart: Chart, falls: int | None) -> float | None:
+    """Return the length of the boom during a run [m]; None if the chart does not ask for it, or it
+    is not known.
+
+    Raises:
+        NotCovered: If the boom telescopes during the run. What may hang then is in another table of
+            the maker's, and mostly far less.
+    """
+    lengths = loads.values.get("boom_m")
+    if lengths is None or not chart.booms(falls):
+        return None
+    shortest = float(lengths.min())
+    longest = float(lengths.max())
+    if longest - shortest > BOOM_TOLERANCE:
+        raise NotCovered(
+            "length of the boom",
+            f"{shortest:.6g} to {longest:.6g}",
+            "one length during a run, since the chart is not for telescoping under load",
+            "m",
+        )
+    return (shortest + longest) / 2.0
+
+
+def _refuse_radii_of_no_boom(chart: Chart, falls: int, radius: np.ndarray) -> None:
+    """Refuse radii at which the chart has a load for no length of the boom.
+
+    At a radius that other lengths have, what is missing is a field that the maker leaves empty: no
+    load is permitted there, see `RatedLoads.at`.
+
+    Raises:
+        NotCovered: With the radius that is farthest outside.
+    """
+    found = chart.of_falls(falls)
+    low = min(reeving.least for reeving in found)
+    high = max(float(reeving.radii[-1]) for reeving in found)
+    smallest = float(np.min(radius))
+    largest = float(np.max(radius))
+    if smallest >= low and largest <= high:
+        return
+    worst = smallest if low - smallest > largest - high else largest
+    raise NotCovered(
+        f"radius on {falls} falls",
+        f"{worst:.6g}",
+        f"{low:g} to {high:g}, where the chart is for any boom",
+        "m",
+    )
 
 
 def cut_outs(t: np.ndarray, used: np.ndarray) -> list[CutOut]:
@@ -312,52 +484,135 @@ def read_chart(path: str | Path) -> Chart:
     `radii` [m], `loads` [kg] and, as an option, `least` [m]. Instead of radii and loads it may have
     one load for all radii, `rated` [kg], as an overhead crane has.
 
+    For a boom of several lengths there is a table `[[falls]]` for each length with `boom` [m], or
+    one with `table`, a CSV file in the folder of the chart, see
+    `cranedyn.lifts.judging.boom_table`, and its `unit`, "kg" or "t". The file may also have
+    `between_booms`, see `BetweenBooms`, `counterweight` [kg] and `outriggers` [m], see `Chart`.
+
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
             possible in a chart; with line, table and field.
         UnknownName: If there is no file and no example of that name.
     """
     path = example_path(path, CHARTS, CHART_EXAMPLES, "chart")
-    top, lines = read_fields(path, ["source", "falls"], "chart")
+    top, lines = read_fields(path, [*_TOP_FIELDS, "falls"], "chart")
     for name in ("name", "source", "falls"):
         if name not in top.values:
             top.fail(name, "it is missing.")
-    entries = top.tables("falls", ("count", "radii", "loads", "least", "rated"), lines)
+    entries = top.tables("falls", _FALLS_FIELDS, lines)
     if not 1 <= len(entries) <= _MAX_POINTS:
         allowed = f"allowed are 1 to {_MAX_POINTS} tables [[falls]]."
         top.fail("falls", f"there are {len(entries)}; {allowed}")
     reevings: list[RatedLoads] = []
     for entry in entries:
-        reeving = _falls(entry)
-        if any(reeving.count == other.count for other in reevings):
-            entry.fail("count", f"another [[falls]] has {reeving.count} falls, too; leave one out.")
-        reevings.append(reeving)
-    reevings.sort(key=lambda reeving: reeving.count)
-    return Chart(top.text("name"), top.text("source"), tuple(reevings))
+        for reeving in _falls(entry):
+            _refuse_second(entry, reeving, reevings)
+            reevings.append(reeving)
+    reevings.sort(key=lambda reeving: (reeving.count, reeving.boom or 0.0))
+    between = top.text("between_booms", "smaller")
+    if between not in get_args(BetweenBooms):
+        top.fail("between_booms", UnknownName("rule", between, get_args(BetweenBooms)))
+    return Chart(
+        top.text("name"),
+        top.text("source"),
+        tuple(reevings),
+        between,  # type: ignore[arg-type]
+        top.optional_number("counterweight", "kg", ">= 0"),
+        top.optional_number("outriggers", "m", "> 0"),
+    )
 
 
-def _falls(entry: SiteTable) -> RatedLoads:
-    """Return the rated loads of a table [[falls]].
+_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers")
+"""Fields of a chart beside its name and its tables [[falls]]."""
+
+_FALLS_FIELDS = ("count", "boom", "radii", "loads", "least", "rated", "table", "unit")
+"""Fields of a table [[falls]]."""
+
+
+def _refuse_second(entry: SiteTable, reeving: RatedLoads, others: Sequence[RatedLoads]) -> None:
+    """Refuse rated loads for falls and a boom of which there are some already.
+
+    Raises:
+        DataError: With the line of the table [[falls]].
+    """
+    for other in others:
+        if reeving.count != other.count:
+            continue
+        falls = f"{reeving.count} falls"
+        if reeving.boom is None and other.boom is None:
+            entry.fail("count", f"another [[falls]] has {falls}, too; leave one out.")
+        if reeving.boom is None or other.boom is None:
+            entry.fail("count", f"one [[falls]] of {falls} has a boom and another one none.")
+        if abs(reeving.boom - other.boom) <= 2.0 * BOOM_TOLERANCE:
+            entry.fail(
+                "boom" if "boom" in entry.values else "table",
+                f"{reeving.boom:g} m and {other.boom:g} m are two lengths on {falls} that are less "
+                f"than {2.0 * BOOM_TOLERANCE:g} m apart; leave one out.",
+            )
+
+
+def _falls(entry: SiteTable) -> list[RatedLoads]:
+    """Return the rated loads of a table [[falls]]: one, or one for each boom of a CSV file.
 
     Raises:
         DataError: If a field is missing or not possible in a chart, with its line and field.
     """
     values = dict(entry.values)
+    if "table" in values:
+        reason = "table is given, too, which has the loads; leave one out."
+        _refuse_fields(entry, ("boom", "radii", "loads", "least", "rated"), reason)
+        return _of_table(entry)
+    _refuse_fields(entry, ("unit",), "it is for loads of a table; those of this file are in kg.")
     if "rated" in values:
-        for name in ("radii", "loads", "least"):
-            if name in values:
-                entry.fail(name, "rated is given, too, one load for all radii; leave one out.")
+        reason = "rated is given, too, one load for all radii; leave one out."
+        _refuse_fields(entry, ("radii", "loads", "least"), reason)
         values["radii"] = [ANY_RADIUS]
         values["loads"] = [entry.number("rated", unit="kg", allowed="> 0")]
     for name in ("count", "radii", "loads"):
         if name not in values:
             entry.fail(name, "it is missing.")
+    boom = entry.optional_number("boom", "m", "> 0")
     try:
-        return RatedLoads(
-            values["count"], values["radii"], values["loads"], values.get("least", 0.0)
-        )
+        least = values.get("least", 0.0)
+        return [RatedLoads(values["count"], values["radii"], values["loads"], least, boom)]
     except OutOfRange as error:
         entry.fail(_field_of(error), error)
+
+
+def _refuse_fields(entry: SiteTable, names: Sequence[str], reason: str) -> None:
+    """Refuse fields of a table for a reason, as far as it has them.
+
+    Raises:
+        DataError: With the line of the first one that it has.
+    """
+    for name in names:
+        if name in entry.values:
+            entry.fail(name, reason)
+
+
+def _of_table(entry: SiteTable) -> list[RatedLoads]:
+    """Return the rated loads of the CSV file that a table [[falls]] names, for each boom.
+
+    Raises:
+        DataError: If the file is no such table, with its line, or a field is not possible.
+    """
+    count = entry.whole("count")
+    units = {"kg": 1.0, "t": 1e3}
+    unit = entry.text("unit", "kg")
+    if unit not in units:
+        entry.fail("unit", UnknownName("unit", unit, units))
+    columns = read_boom_table(entry.file("table"))
+    return [_of_column(entry, count, column, units[unit]) for column in columns]
+
+
+def _of_column(entry: SiteTable, count: int, column: BoomColumn, unit: float) -> RatedLoads:
+    """Return the rated loads of a column of a CSV file, whose loads are in a unit [kg]."""
+    loads = [unit * load for load in column.loads]
+    try:
+        # Nothing is known of radii below the first one with a load.
+        return RatedLoads(count, column.radii, loads, column.radii[0], column.boom)  # type: ignore[arg-type]
+    except OutOfRange as error:
+        entry.fail("table", f"in the column of the boom of {column.boom:g} m: {error}")
 
 
 def _field_of(error: OutOfRange) -> str:
@@ -367,6 +622,7 @@ def _field_of(error: OutOfRange) -> str:
         "number of loads": "loads",
         "load": "loads",
         "smallest radius": "least",
+        "boom": "boom",
     }
     for beginning, field in fields.items():
         if error.name.startswith(beginning):

@@ -220,9 +220,9 @@ def _falls(site: Site, chart: Chart, given: int | None) -> tuple[int, Assumption
         field = "[rigging] falls"
     else:
         # Where the chart has one number of falls, nobody has to choose.
-        only_one = len(chart.reevings) == 1
-        count = chart.on().count
+        only_one = len(chart.counts) == 1
+        count = chart.counts[0]
         origin = Origin.COMPUTED if only_one else Origin.DEFAULT
         field = "[rigging] falls"
-    value = f"{chart.on(count).count}"  # refuses a number that the chart does not have
-    return count, Assumption("falls of the rope", value, origin, field)
+    chart.of_falls(count)  # refuses a number that the chart does not have
+    return count, Assumption("falls of the rope", f"{count}", origin, field)

@@ -22,7 +22,8 @@ from cranedyn.lifts.judging.analysis import (
     LiftAnalysis,
     Requirements,
 )
-from cranedyn.lifts.judging.chart import Chart, utilisation
+from cranedyn.lifts.judging.chart import Chart, NotCovered, utilisation
+from cranedyn.lifts.judging.chart_setup import setup_gap
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
@@ -180,11 +181,16 @@ def judge(
     )
     used = None
     chart_error = ""
+    chart_covers = True
     if inputs.chart is not None:
+        chart_error = setup_gap(inputs.chart, inputs.falls, site)
+        chart_covers = not chart_error
+    if inputs.chart is not None and chart_covers:
         try:
             used = utilisation(run_loads, inputs.chart, inputs.falls, gravity=crane.gravity)
         except OutOfRange as error:
             chart_error = str(error)
+            chart_covers = not isinstance(error, NotCovered)
     wind = perturbed = None
     if certificate.holds and requirements.lifts:
         perturbed = perturb(certificate, requirements.lifts, spread=inputs.spread, dt=2.0 * dt)
@@ -211,6 +217,7 @@ def judge(
         perturbed=perturbed,
         grounded=grounded,
         unusual=unusual,
+        chart_covers=chart_covers,
         hoisting=hoisting,
         drive=drive,
     )

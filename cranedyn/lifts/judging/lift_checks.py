@@ -140,6 +140,8 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
             "nothing of it.",
             None,
         )
+    if not analysis.chart_covers:
+        return Check(f"The chart says nothing about this lift: {analysis.chart_error}", None)
     if analysis.utilisation is None:
         return Check(f"The chart does not reach: {analysis.chart_error}", False)
     highest = float(analysis.utilisation.max())

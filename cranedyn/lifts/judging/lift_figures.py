@@ -13,9 +13,17 @@ from matplotlib.collections import PolyCollection
 from scipy.spatial import ConvexHull
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.chart import ANY_RADIUS, CUT_OUT, WARNING
+from cranedyn.lifts.judging.chart import (
+    ANY_RADIUS,
+    BOOM_TOLERANCE,
+    CUT_OUT,
+    WARNING,
+    NotCovered,
+    RatedLoads,
+)
 from cranedyn.lifts.judging.loads import hanging_mass, jib_moment
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
+from cranedyn.lifts.planning.boom import boom_ends, boom_of
 from cranedyn.lifts.planning.certificate import Certificate
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.lift import Lift
@@ -126,15 +134,15 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     columns = 2 if _has_jib(analysis) else 1
     figure, axes = panels(1, columns, height=3.4, width=5.5 * columns)
     rated = axes[0]
-    reevings = () if analysis.chart is None else analysis.chart.reevings
-    for reeving in reevings:
+    for reeving, is_used in _drawn_loads(analysis):
         # A chart of one load for all radii has no last one.
         last = reeving.radii[-1]
         if last == ANY_RADIUS:
             last = 1.5 * float(analysis.loads["radius_m"].max())
         radius = np.linspace(max(reeving.least, 0.5), last, 200)
-        style = "-" if reeving.count == analysis.inputs.falls else ":"
-        label = f"{reeving.count} falls"
+        style = "-" if is_used else ":"
+        boom = "" if reeving.boom is None else f", boom {reeving.boom:.4g} m"
+        label = f"{reeving.count} falls{boom}"
         rated.plot(radius, reeving.at(radius) / 1e3, style, color=COLOURS["limit"], label=label)
         points = reeving.radii <= last
         rated.plot(reeving.radii[points], reeving.rated[points] / 1e3, ".", color=COLOURS["limit"])
@@ -152,6 +160,33 @@ def draw_chart(analysis: LiftAnalysis) -> Figure:
     jib.plot(stations, 1e-3 * envelope, color=COLOURS["x"])
     jib.set(xlabel="along the jib [m]", ylabel="largest moment [kN m]")
     return figure
+
+
+def _drawn_loads(analysis: LiftAnalysis) -> list[tuple[RatedLoads, bool]]:
+    """Return the rated loads that `draw_chart` draws, each with whether it is that of the lift: all
+    of a chart without lengths of the boom, and else those of the falls and the boom of the lift,
+    and of the next shorter and longer boom of the chart.
+    """
+    chart = analysis.chart
+    if chart is None:
+        return []
+    falls = analysis.inputs.falls
+    lengths = chart.booms(falls)
+    if not lengths:
+        return [(reeving, reeving.count == falls) for reeving in chart.reevings]
+    boom = analysis.loads.values.get("boom_m")
+    if boom is None:
+        return [(reeving, False) for reeving in chart.of_falls(falls)]
+    length = float(boom[0])
+    found = chart.of_falls(falls)
+    shorter = [one for one, of in zip(found, lengths, strict=True) if of < length - BOOM_TOLERANCE]
+    longer = [one for one, of in zip(found, lengths, strict=True) if of > length + BOOM_TOLERANCE]
+    drawn = [(reeving, False) for reeving in (*shorter[-1:], *longer[:1])]
+    try:
+        drawn.append((chart.on(falls, length), True))
+    except NotCovered:
+        pass  # the check of the utilisation says so
+    return drawn
 
 
 def draw_wind(limit: WindLimit, required: float) -> Figure:
@@ -182,7 +217,7 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
 
 def site_views(certificate: Certificate) -> Figure:
     """Draw plan and two elevations of a site with the path of the load, the place at which it is
-    nearest to an obstacle, and the reach of the crane.
+    nearest to an obstacle, and the reach of the crane. A boom is drawn where it is at both ends.
     """
     lift = certificate.lift
     clearance = lift.clearance
@@ -192,6 +227,7 @@ def site_views(certificate: Certificate) -> Figure:
     nearest_place = certificate.run.q[nearest_row][clearance.drive_joints]
     near = site.to_site(clearance.point(nearest_place))
     foot_and_pivot = _mast_line(clearance)
+    booms = _boom_lines(lift)
     figure, axes = panels(1, 3, height=4.2, width=13.0)
     for ax, (i, j) in zip(axes, itertools.combinations(range(3), 2), strict=True):
         for solid in site.solids:
@@ -199,6 +235,8 @@ def site_views(certificate: Certificate) -> Figure:
         ax.plot(
             *foot_and_pivot[:, [i, j]].T, color="#333333", linewidth=3.0, marker="s", markersize=4
         )
+        for line in booms:
+            ax.plot(*line[:, [i, j]].T, color="#333333", linewidth=1.5)
         ax.plot(path[:, i], path[:, j], color=COLOURS["x"], label="centre of the load")
         ax.plot(path[0, i], path[0, j], "o", color=COLOURS["x"])
         ax.plot(path[-1, i], path[-1, j], "*", color=COLOURS["x"], markersize=12)
@@ -221,14 +259,34 @@ def site_views(certificate: Certificate) -> Figure:
 
 def _mast_line(clearance: Clearance) -> np.ndarray:
     """Return foot and top of what stands, in the frame of the site [m], shape (2, 3): up to the
-    pivot of a crane that turns; of another one nothing but its foot.
+    hinge of a boom, or else up to the pivot of a crane that turns; of another one nothing but its
+    foot.
     """
     top = 0.0
-    if clearance.turning is not None:
+    boom = boom_of(clearance.crane)
+    if boom is not None:
+        top = float(boom_ends(clearance.crane, boom, clearance.crane.start.q)[0, 2])
+    elif clearance.turning is not None:
         places = clearance.crane.start.q[None, clearance.drive_joints]
         pivot = clearance.point(places)[0]
         top = float(pivot[2]) + float(clearance.cable(clearance.q(places))[0])
     return clearance.site.to_site(np.array([[0.0, 0.0, 0.0], [0.0, 0.0, top]]))
+
+
+def _boom_lines(lift: Lift) -> list[np.ndarray]:
+    """Return hinge, head and load at both ends of a lift in the frame of the site [m], shape (3, 3)
+    each; an empty list of a crane without a boom.
+    """
+    clearance = lift.clearance
+    boom = boom_of(lift.crane)
+    if boom is None:
+        return []
+    lines = []
+    for place in lift.ends:
+        ends = boom_ends(lift.crane, boom, clearance.q(place[None])[0])
+        load = clearance.point(place[None])
+        lines.append(clearance.site.to_site(np.concatenate([ends, load])))
+    return lines
 
 
 def clearance_over_time(certificate: Certificate) -> Figure:

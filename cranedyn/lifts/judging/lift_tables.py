@@ -10,7 +10,7 @@ import numpy as np
 
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.chart import BOOM_TOLERANCE, CUT_OUT, WARNING
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
@@ -168,7 +168,28 @@ def _chart_rows(analysis: LiftAnalysis) -> list[Row]:
         ["chart", chart.name, "the chart's file"],
         ["its source", chart.source, "the chart's file"],
         ["falls", f"{analysis.inputs.falls}", "the table below"],
+        *_boom_rows(analysis),
     ]
+
+
+def _boom_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the rows about a boom that telescopes: its length, and by which lengths of the chart
+    its loads are; none for another crane.
+    """
+    boom = analysis.site.boom
+    chart = analysis.chart
+    if boom is None or chart is None:
+        return []
+    rows: list[Row] = [["length of the boom [m]", f"{boom:.4g}, held", "the site's file"]]
+    lengths = chart.booms(analysis.inputs.falls)
+    listed = ", ".join(f"{length:.4g}" for length in lengths) or "none"
+    rows.append(["lengths of the chart [m]", listed, "the chart's file"])
+    if lengths and analysis.utilisation is not None:
+        is_one = any(abs(boom - length) <= BOOM_TOLERANCE for length in lengths)
+        rule = {"smaller": "the smaller load of both", "linear": "a straight line between both"}
+        counts = "that of the chart" if is_one else rule[chart.between_booms]
+        rows.append(["load between two lengths", counts, "the chart's file"])
+    return rows
 
 
 def _assumptions(analysis: LiftAnalysis) -> Table:

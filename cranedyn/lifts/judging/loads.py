@@ -24,6 +24,7 @@ from cranedyn.dynamics.validity import hoist_force
 from cranedyn.errors import MissingRole, OutOfRange, UnknownColumn
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.wrench import CraneStates, Wrench
+from cranedyn.lifts.planning.boom import boom_of
 from cranedyn.lifts.planning.site import CRANE_HEADING, Arm, Base, Runway, crane_to_site
 from cranedyn.model.crane import Crane
 
@@ -109,6 +110,10 @@ def loads(
     * `ring_tilting_Nm`: moment in the plane of the jib, jib down positive.
     * `ring_lateral_Nm`: moment about the direction of the jib.
     * `ring_torsion_Nm`: moment about the slew axis.
+
+    With one drive that luffs a boom:
+
+    * `boom_m`: length of the boom, from its hinge to its head.
 
     Every crane, about the origin of its model, which is the foot of the crane of a site:
 
@@ -211,6 +216,7 @@ def loads_of_rows(
         columns |= _of_rope(crane, joints, moving, effort, buffers)
     if None not in (joints.hoist, joints.slew, joints.pivot):
         columns |= _of_ring(joints, moving, columns["pull_N"], arm_weight, arm_moment)
+    columns |= _of_boom(crane, moving)
     foot = moving.through_ground()
     if arms:
         layout.role("trolley", "A jib that weighs where it lies")
@@ -251,12 +257,13 @@ def corner_forces(
     base: Base, foot: Wrench, gravity: float, *, heading: float = CRANE_HEADING
 ) -> np.ndarray:
     """Return the force of each corner of a base on the ground [N], shape (rows, 4), at (+, +),
-    (-, +), (-, -), (+, -) of the axes of the site; negative where the corner would lift.
+    (-, +), (-, -), (+, -) of the axes of the site, or of those of the crane if the base turns with
+    it; negative where the corner would lift.
 
     A stiff base on four equal supports presses by F = V/4 + (M_y x - M_x y)/b² at x, y = ±b/2.
 
     Args:
-        base: The base, whose sides lie along X and Y of the site.
+        base: The base.
         foot: What passes through the foot of the tower, about the foot and in the axes of the
             crane.
         gravity: Gravity [m/s²].
@@ -272,8 +279,10 @@ def corner_forces(
     finite("moment on the foot", foot.moment, ("rows", 3), unit="N m")
     vertical = -foot.force[:, 2] + base.mass * gravity
     signs = [(1.0, 1.0), (-1.0, 1.0), (-1.0, -1.0), (1.0, -1.0)]  # of x and y
-    # The crane may stand turned on its base, so that its axes are not those of the corners.
-    moment = foot.moment @ crane_to_site(heading).T
+    moment = foot.moment
+    if not base.turns_with_crane:
+        # The crane may stand turned on its base, so that its axes are not those of the corners.
+        moment = moment @ crane_to_site(heading).T
     m_x = moment[:, 0]
     m_y = moment[:, 1]
     # x = ±b/2 over b² is ±1/(2 b).
@@ -460,6 +469,17 @@ def _of_ring(
         "ring_lateral_Nm": _along(ring.moment, outward),
         "ring_torsion_Nm": ring.moment[:, 2],
     }
+
+
+def _of_boom(crane: Crane, moving: CraneStates) -> dict[str, np.ndarray]:
+    """Return the length of the boom, if the crane has one."""
+    boom = boom_of(crane)
+    if boom is None:
+        return {}
+    axis = moving.axis(boom.luff)
+    vector = moving.origin(boom.head) - moving.origin(boom.luff)
+    across = vector - axis * _along(axis, vector)[:, None]
+    return {"boom_m": np.linalg.norm(across, axis=1)}
 
 
 def _jib_directions(moving: CraneStates, joints: LoadJoints) -> tuple[np.ndarray, np.ndarray]:

@@ -38,6 +38,8 @@ def chart_findings(chart: Chart, reach: float | None) -> Iterator[Finding]:
             continue
         for radius in reeving.radii.tolist():
             yield from judge_value(RADIUS, radius, "chart", "radii")
+        if reeving.boom is not None:
+            continue  # the loads of each length of the boom end elsewhere
         last = float(reeving.radii[-1])
         low, high = JIB_SHARE
         if not low * reach <= last <= high * reach:

@@ -153,8 +153,9 @@ def wind_limit(
     Raises:
         OutOfRange: If a limit or the count is out of its range.
         UnknownName: If the chart has no such number of falls.
+        NotCovered: If the chart does not cover the length of the boom.
     """
-    chart.on(falls)  # refuses an unknown number of falls before anything is simulated
+    chart.of_falls(falls)  # refuses an unknown number of falls before anything is simulated
     allowed = {
         "utilisation": CUT_OUT,
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
@@ -294,7 +295,8 @@ def _enter_values(
         perturbed.force[valid],
     )
     # Outside of its radii a chart has no rated load: such a lift has failed.
-    reeving = chart.on(falls)
+    boom = loads.get("boom_m")  # a lift is planned with a boom of one length
+    reeving = chart.on(falls, None if boom is None else float(boom.flat[0]))
     gravity = perturbed.crane.gravity
     radius = loads.get("radius_m")
     if radius is None:  # it does not slew

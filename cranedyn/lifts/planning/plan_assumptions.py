@@ -67,6 +67,10 @@ def _of_crane(site: Site, crane: Crane) -> Iterator[Assumption]:
         value = crane.model.name
         origin = Origin.ENTERED
     yield Assumption("crane", value, origin, "[crane] values")
+    if site.telescope:
+        length = "" if site.boom is None else f"{site.boom:.6g} m, "
+        value = f"{length}held during the lift; telescoping under load is not planned"
+        yield Assumption("length of the boom", value, Origin.ENTERED, "[crane] boom")
     yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
 
 

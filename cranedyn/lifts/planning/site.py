@@ -159,20 +159,23 @@ class DescribedCrane:
         )
 
 
-KINDS = ("tower", "luffing", "overhead")
+KINDS = ("tower", "luffing", "overhead", "mobile")
 """Names of the kinds of cranes that come with this project."""
 
 
 @dataclass(frozen=True)
 class Base:
-    """A square base on which a tower stands by four corners, its sides along X and Y of the site,
-    centred below the slew axis.
+    """A square base on which a crane stands by four corners, centred below the slew axis: that of a
+    tower with its sides along X and Y of the site, or outriggers with their sides along those of
+    the crane.
 
     Attributes:
         spacing: Distance between neighbouring corners [m].
         mass: Mass of base, ballast and mast, as far as the crane's model lacks it [kg]. Its centre
             of mass is above the middle of the square.
         permitted: Largest force that the ground may bear under a corner [N]; None if unknown.
+        turns_with_crane: Whether the sides lie along the axes of the crane, however it stands on
+            the site, as those of outriggers do.
 
     Raises:
         OutOfRange: If the spacing or the permitted force is not positive, or the mass negative.
@@ -181,6 +184,7 @@ class Base:
     spacing: float
     mass: float
     permitted: float | None = None
+    turns_with_crane: bool = False
 
     def __post_init__(self) -> None:
         """Check the numbers."""
@@ -280,6 +284,11 @@ class Site(ShortRepr):
         chart: File of the crane's load chart, or the name of one that is shipped; None if unknown.
         falls: Number of falls that carry the hook; None if unknown.
         details: What a lift plan says beside the motion, such as job, people and slings.
+        telescope: Name of the joint that telescopes the boom, which is held during a lift; empty
+            if no joint does.
+        boom: Length of that boom from its hinge to its head [m]; None if no joint telescopes it.
+        counterweight: Counterweight of the crane, which its load chart may ask for [kg]; None if
+            it is not entered.
         entered: Fields that somebody entered, such as "[lift] swing". A value that equals the
             default of this program counts as entered only if it is listed here.
         unusual: Sentences about values that are unusual, see
@@ -311,6 +320,9 @@ class Site(ShortRepr):
     chart: Path | str | None = None
     falls: int | None = None
     details: PlanDetails = field(default_factory=PlanDetails)
+    telescope: str = ""
+    boom: float | None = None
+    counterweight: float | None = None
     entered: frozenset[str] = frozenset()
     unusual: tuple[str, ...] = ()
 
@@ -344,14 +356,15 @@ class Site(ShortRepr):
 
     @property
     def base_corners(self) -> np.ndarray:
-        """Corners of the box around the base in the frame of the crane [m], shape (8, 3). The sides
-        of a base lie along the axes of the site, and so turned in the frame of the crane.
+        """Corners of the box around the base in the frame of the crane [m], shape (8, 3). Sides
+        that lie along the axes of the site are turned in the frame of the crane.
         """
         assert self.base is not None
         half = self.base.spacing / 2.0
         sides = (-half, half)
         corners = list(itertools.product(sides, sides, (0.0, BASE_HEIGHT)))
-        return np.array(corners) @ self.crane_to_site
+        points = np.array(corners)
+        return points if self.base.turns_with_crane else points @ self.crane_to_site
 
     def to_crane(self, points: np.ndarray) -> np.ndarray:
         """Return points of the site [m], shape (..., 3), in the frame of the crane."""

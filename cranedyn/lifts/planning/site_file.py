@@ -15,6 +15,7 @@ from cranedyn.data.files import parse_toml, read_text
 from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
+from cranedyn.lifts.planning.boom import boom_length, boom_of, telescope_at
 from cranedyn.lifts.planning.crane_bodies import neighbour
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
@@ -73,6 +74,9 @@ def read_site(path: str | Path) -> Site:
     solids = solids_of(top, lines, ground)
     crane = tables["crane"]
     description = _description(crane)
+    telescope = _telescope(description, crane)
+    if telescope is not None:
+        description = telescope.held
     is_tower = description is None or description.is_tower
     drives = TOWER_DRIVES if description is None else _drives_of(description, crane)
     if not is_tower:
@@ -91,7 +95,7 @@ def read_site(path: str | Path) -> Site:
         ground=ground,
         foot=np.array(crane.numbers("position", 3, default=[0.0, 0.0, ground])),
         heading=_heading(crane, is_tower=is_tower),
-        crane=_crane_values_of(tables, masses, drives),
+        crane=_crane_values_of(tables, masses, drives, description),
         load=_load(tables["load"]),
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
@@ -100,7 +104,7 @@ def read_site(path: str | Path) -> Site:
         description=description,
         drives=drives,
         limits=_limits(tables["drives"], drives),
-        base=_base(tables["base"]),
+        base=_base(tables["base"], description),
         arms=_arms(tables["jib"], tables["counter_jib"]),
         runway=_runway(tables["runway"], is_tower=is_tower),
         rigging=masses,
@@ -110,6 +114,9 @@ def read_site(path: str | Path) -> Site:
         spread=_spread(tables["uncertainty"]),
         chart=chart_of(crane),
         falls=rigging.whole("falls") if "falls" in rigging.values else None,
+        telescope="" if telescope is None else telescope.joint,
+        boom=None if telescope is None else telescope.boom,
+        counterweight=_counterweight(crane),
         entered=_entered(tables),
     )
     return _plausible(site, tables)
@@ -138,7 +145,7 @@ def _description(crane: SiteTable) -> DescribedCrane | None:
     named = [field for field in ("kind", "file", "machine") if field in crane.values]
     if len(named) > 1:
         crane.fail(named[1], f"{named[0]} is given, too; leave one out.")
-    for field in ("driven", "locked"):
+    for field in ("driven", "locked", "boom"):
         if field in crane.values and not named:
             crane.fail(field, "it is for a crane that file, kind or machine names.")
     if not named:
@@ -155,6 +162,78 @@ def _description(crane: SiteTable) -> DescribedCrane | None:
     driven = crane.take("driven", names_of, [])
     locked = crane.take("locked", positions_of, {})
     return DescribedCrane(**named_crane, driven=tuple(driven), locked=locked)
+
+
+class _Telescope(NamedTuple):
+    """A boom that telescopes, held at one length.
+
+    Attributes:
+        joint: Name of the joint that telescopes it.
+        boom: Its length [m].
+        held: The crane with that joint held.
+    """
+
+    joint: str
+    boom: float
+    held: DescribedCrane
+
+
+def _telescope(description: DescribedCrane | None, crane: SiteTable) -> _Telescope | None:
+    """Return the boom of a crane that telescopes, held at the length that [crane] enters, or where
+    `locked` holds its joint; None if no boom telescopes.
+
+    Raises:
+        DataError: If a length is entered of another boom, or one that it cannot have, and if no
+            length is entered of a boom that telescopes.
+    """
+    if description is None or description.is_tower:
+        if "boom" in crane.values:
+            crane.fail("boom", "it is for a crane whose boom telescopes; a tower crane has none.")
+        return None
+    values = crane.take("values", crane_values, {})
+    field = next(name for name in ("kind", "file", "machine") if name in crane.values)
+    try:
+        free = replace(description, locked={}).load(values)
+    except CraneError as error:
+        crane.fail(field, error)
+    boom = boom_of(free)
+    extends = None if boom is None else boom.telescope
+    joint = "" if extends is None else free.layout.joints[extends].name
+    if "boom" in crane.values:
+        length = crane.number("boom", allowed="> 0")
+        try:
+            joint, coordinate = telescope_at(free, length)
+        except CraneError as error:
+            crane.fail("boom", error)
+        if joint in description.locked:
+            crane.fail("boom", f"locked holds {joint}, too; leave one out.")
+        held = replace(description, locked={**description.locked, joint: coordinate})
+        return _Telescope(joint, length, held)
+    if not joint:
+        return None
+    if joint not in description.locked:
+        crane.fail(
+            field,
+            f"the boom of this crane telescopes ({joint}), and a lift is planned with a boom of "
+            "one length, since telescoping under load is not planned; enter boom, its length [m].",
+        )
+    try:
+        locked = description.load(values)
+    except CraneError as error:
+        crane.fail("locked", error)
+    held_length = boom_length(locked, locked.start.q)
+    assert held_length is not None  # a boom without its telescope is still one
+    return _Telescope(joint, held_length, description)
+
+
+def _counterweight(crane: SiteTable) -> float | None:
+    """Return the counterweight that [crane] enters, as a field or among the values of the crane
+    [kg]; None if it does not.
+    """
+    if "counterweight" in crane.values:
+        return crane.number("counterweight", unit="kg", allowed=">= 0")
+    values = crane.take("values", crane_values, {})
+    return values.get("counterweight")
 
 
 def _description_file(crane: SiteTable) -> Path:
@@ -213,7 +292,10 @@ def _heading(crane: SiteTable, *, is_tower: bool) -> float:
 
 
 def _crane_values_of(
-    tables: Mapping[str, SiteTable], rigging: Mapping[str, float], drives: Sequence[SiteDrive]
+    tables: Mapping[str, SiteTable],
+    rigging: Mapping[str, float],
+    drives: Sequence[SiteDrive],
+    description: DescribedCrane | None,
 ) -> dict[str, float]:
     """Return the values of the crane that [crane] and other tables enter, by name.
 
@@ -221,7 +303,8 @@ def _crane_values_of(
         DataError: If one of them is entered twice.
     """
     values = dict(tables["crane"].take("values", crane_values, {}))
-    for entered in _arguments(tables, rigging, drives):
+    entries = [*_arguments(tables, rigging, drives), *_setup_arguments(tables, description)]
+    for entered in entries:
         if entered.argument in values:
             entered.table.fail(
                 entered.field,
@@ -343,7 +426,7 @@ def read_fields(
 _FIELDS = {
     "ground": ["height"],
     "crane": [
-        *("kind", "file", "machine", "driven", "locked"),
+        *("kind", "file", "machine", "driven", "locked", "boom", "counterweight"),
         *("position", "heading", "yaw", "values", "chart"),
     ],
     "load": ["size", "file", "mass"],
@@ -351,7 +434,7 @@ _FIELDS = {
     "wind": ["gust", "swing"],
     "uncertainty": ["mass", "cable", "wind", "gust", "delay"],
     "drives": ["rates", "accelerations", "efforts"],
-    "base": ["spacing", "mass", "permitted"],
+    "base": ["spacing", "mass", "permitted", "along"],
     "runway": ["rails", "wheel_base", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
@@ -439,6 +522,25 @@ def _arguments(
             yield _Argument(of_drives, "efforts", f"{drive.name}_effort", effort)
 
 
+def _setup_arguments(
+    tables: Mapping[str, SiteTable], description: DescribedCrane | None
+) -> Iterator[_Argument]:
+    """Yield counterweight and falls, as far as a crane of this project has them as arguments.
+
+    The falls of the tower crane are none of these: they count for a rope that stretches.
+    """
+    if description is None or description.kind in (None, "tower"):
+        return
+    accepted = arguments(description.urdf)  # type: ignore[arg-type]
+    crane = tables["crane"]
+    if "counterweight" in crane.values and "counterweight" in accepted:
+        mass = crane.number("counterweight", unit="kg", allowed=">= 0")
+        yield _Argument(crane, "counterweight", "counterweight", mass)
+    rigging = tables["rigging"]
+    if "falls" in rigging.values and "falls" in accepted:
+        yield _Argument(rigging, "falls", "falls", rigging.whole("falls"))
+
+
 def _limits(table: SiteTable, drives: Sequence[SiteDrive]) -> Limits | None:
     """Return the limits of the drives; None if nothing of the drives is entered."""
     if not table.values:
@@ -468,8 +570,12 @@ def _motion_limits(
     ]
 
 
-def _base(base: SiteTable) -> Base | None:
-    """Return the base of the crane; None if it is not entered."""
+def _base(base: SiteTable, description: DescribedCrane | None) -> Base | None:
+    """Return the base of the crane; None if it is not entered.
+
+    Its sides lie along the axes of the site, or of the crane where `along` says so. The outriggers
+    of the mobile crane lie along those of the crane unless it says otherwise.
+    """
     if not base.values:
         return None
     permitted = None
@@ -477,7 +583,11 @@ def _base(base: SiteTable) -> Base | None:
         permitted = 1e3 * base.number("permitted", unit="kN", allowed="> 0")
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
-    return Base(spacing, mass, permitted)
+    is_mobile = description is not None and description.kind == "mobile"
+    along = base.text("along", "crane" if is_mobile else "site")
+    if along not in ("crane", "site"):
+        base.fail("along", UnknownName("way to lie", along, ("crane", "site")))
+    return Base(spacing, mass, permitted, turns_with_crane=along == "crane")
 
 
 def _runway(runway: SiteTable, *, is_tower: bool) -> Runway | None:

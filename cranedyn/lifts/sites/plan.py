@@ -39,6 +39,7 @@ from scipy.ndimage import uniform_filter1d
 from cranedyn.checks import finite, number, within
 from cranedyn.errors import CraneError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import State
+from cranedyn.lifts.planning.boom import boom_length
 from cranedyn.lifts.planning.curve import refuse_endless, rest_to_rest_time
 from cranedyn.lifts.planning.lift import RESERVE, NoWay
 from cranedyn.lifts.sites.brakes import CYCLE
@@ -456,7 +457,8 @@ def _check_chart(station: Station, load: np.ndarray, mass: float) -> None:
     if station.chart is None:
         return
     radii = np.linalg.norm((load - station.foot)[:, :2], axis=1)
-    rated = float(station.chart.on().at(radii).min())
+    boom = boom_length(station.crane, station.crane.start.q)
+    rated = float(station.chart.on(boom=boom).at(radii).min())
     within(f"load of {quoted(station.name)}", mass, 0.0, rated, "kg")
 
 

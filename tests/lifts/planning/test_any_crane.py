@@ -34,14 +34,15 @@ from tests.lifts.planning.sites import LOAD, corners
 
 PORTAL = Path(__file__).resolve().parents[3] / "examples" / "portal_crane.urdf"
 
-KINDS = ("overhead", "luffing", "portal", "tower")
+KINDS = ("overhead", "luffing", "portal", "mobile", "tower")
 
 
 @cache
 def crane(kind: str) -> Crane:
     if kind == "portal":
         return load_crane(PORTAL, locked={"travel_joint": 12.0})
-    return load_crane(XACRO.parent / f"{kind}_crane.urdf.xacro")
+    locked = {"telescope_joint": 6.0} if kind == "mobile" else {}
+    return load_crane(XACRO.parent / f"{kind}_crane.urdf.xacro", locked=locked)
 
 
 @cache
@@ -150,7 +151,7 @@ def largest_way(asked: ChainClearance, q: np.ndarray, q_end: np.ndarray) -> floa
     return float(max(ways))
 
 
-@pytest.mark.parametrize("kind", KINDS[:3])
+@pytest.mark.parametrize("kind", KINDS[:4])
 def test_no_point_moves_farther_than_the_bound_of_a_displacement(kind: str) -> None:
     asked = clearance(kind)
     rng = np.random.default_rng(4)
@@ -163,7 +164,7 @@ def test_no_point_moves_farther_than_the_bound_of_a_displacement(kind: str) -> N
     assert (ways / np.maximum(bound, 1e-9)).max() > 0.5  # the bound is of use
 
 
-@pytest.mark.parametrize("kind", KINDS[:3])
+@pytest.mark.parametrize("kind", KINDS[:4])
 def test_no_plumb_load_and_no_link_moves_farther_than_the_bound_of_a_travel(kind: str) -> None:
     asked = clearance(kind)
     rng = np.random.default_rng(5)
@@ -179,7 +180,7 @@ def test_no_plumb_load_and_no_link_moves_farther_than_the_bound_of_a_travel(kind
     assert used > 0.5
 
 
-@pytest.mark.parametrize("kind", KINDS[:3])
+@pytest.mark.parametrize("kind", KINDS[:4])
 def test_distances_from_the_cranes_own_links_are_those_of_pinocchios_geometry(kind: str) -> None:
     asked = ChainClearance(crane(kind), Site("test", (), load=corners(3.0, 4.0, 2.0)))
     model = asked.crane.model
