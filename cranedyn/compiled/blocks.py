@@ -34,6 +34,10 @@ _MAX_BLOCK_LENGTH = 20_000
 _MAX_BLOCK_STEPS = 1_000_000
 """Largest number of physics steps in a block."""
 
+_MAX_BLOCK_STEPS_ON_BASE = 100_000
+"""Largest number of physics steps in a block where the base moves: its motion at each half step
+takes 144 bytes a step."""
+
 
 class _BlockOutcome(Enum):
     """What happened when a block was to be written."""
@@ -75,6 +79,9 @@ def run_blocks(
         # A subclass may compute other forces.
         if type(spec.disturbance) is not Wind or spec.disturbance.crane is not spec.crane:
             return
+        if spec.base is not None:
+            # The code knows no wind against the motion of a base.
+            return
         wind = spec.disturbance
     predictive = None
     if hasattr(controller, "programme"):
@@ -84,7 +91,8 @@ def run_blocks(
         if wind is not None or predictive.programme.drive != spec.drive:
             return
     blocks = _Blocks(moving, controller, reference, wind, predictive)
-    length = max(1, min(_MAX_BLOCK_LENGTH, _MAX_BLOCK_STEPS // spec.clocks.steps))
+    most_steps = _MAX_BLOCK_STEPS if spec.base is None else _MAX_BLOCK_STEPS_ON_BASE
+    length = max(1, min(_MAX_BLOCK_LENGTH, most_steps // spec.clocks.steps))
     first = 0
     while length > 0 and first < len(rows):
         block = rows[first : first + length]
@@ -220,7 +228,11 @@ class _Blocks:
             programme, tables.areas, integral=integral, controller_states=len(states_before)
         )
         arrays = (gain_table(sizes, form), setpoint_table(sizes, form, len(rows)), tables.air)
-        loop = moving.loop(code, arrays, rows, end=end, horizon=horizon, memory=memory)
+        root = None
+        if moving.base is not None:
+            # Steps follow each instant of the block but the end of the run.
+            root = moving.base.of_periods(moving.instant, min(len(rows), end))
+        loop = moving.loop(code, arrays, rows, end=end, horizon=horizon, memory=memory, root=root)
         loop.run_groups([0])
         crane_memory, states_after = np.split(memory, [len(moving.memory)])
         moving.memory[:] = crane_memory
@@ -229,6 +241,7 @@ class _Blocks:
             rows[:, : moving.sizes.m] = tables.setpoint
 
         if moving.memory[moving.places["diverged"]] == 0.0:
+            moving.instant += len(rows)
             return states_after
         moving.memory[:] = memory_before
         if horizon is not None:

@@ -24,6 +24,7 @@ from cranedyn.compiled.code import Code, StackVariable, Value
 from cranedyn.compiled.plant.plant import Plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.root_motion import RootMotion, interpolated_root
 from cranedyn.dynamics.scalars import array, is_zero
 from cranedyn.errors import OutOfRange
 
@@ -172,6 +173,12 @@ class Step:
         substeps: Number of semi-implicit substeps that replace the step where the load touches the
             ground, or buffers act and the rule needs a smooth motion.
         reactions: Forces of the ground, which are constant during a substep.
+        root: Motion of the base at the beginning, in the middle and at the end of the physics step,
+            in the units of the plant, shape (3, 9), see
+            `cranedyn.dynamics.root_motion.interpolated_root`; None for a base at rest.
+        phase: Share of the physics step that has elapsed where this step begins: 0, but for a part
+            of a physics step.
+        span: Share of the physics step that this step takes.
     """
 
     integrator: Integrator
@@ -182,6 +189,9 @@ class Step:
     unit: Any
     substeps: Any
     reactions: Sequence[ExternalForce] = ()
+    root: np.ndarray | None = None
+    phase: Any = 0.0
+    span: Any = 1.0
 
     def after(self, state: StepState) -> StepState:
         """Return the state after the step."""
@@ -217,6 +227,27 @@ class Step:
             pulls.append(dynamics.pull)
             return dynamics.acceleration
 
+        def acceleration_on_base(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+            dynamics = plant.forward_dynamics(
+                q_and_phase[:-1],
+                v_and_one[:-1],
+                self.command,
+                self.forces,
+                self.reactions,
+                self._root_at(q_and_phase[-1]),
+            )
+            pulls.append(dynamics.pull)
+            return array([*dynamics.acceleration, 0.0])
+
+        def add_acceleration_on_base(v_and_one: np.ndarray, a_and_zero: np.ndarray) -> np.ndarray:
+            # The last rate is that of time, which no acceleration changes.
+            v = add_acceleration(v_and_one[:-1], a_and_zero[:-1])
+            return array([*v, v_and_one[-1]])
+
+        def add_rate_on_base(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+            phase = q_and_phase[-1] + v_and_one[-1] * self.span
+            return array([*add_rate(q_and_phase[:-1], v_and_one[:-1]), phase])
+
         def add_acceleration(v: np.ndarray, a: np.ndarray) -> np.ndarray:
             return v + a * dt
 
@@ -231,12 +262,31 @@ class Step:
             return array(moved)
 
         q, v, works, anchors = state
-        q_after, v_after = self.integrator.rule(acceleration, add_acceleration, add_rate, q, v, 1)
+        rule = self.integrator.rule
+        if self.root is None:
+            q_after, v_after = rule(acceleration, add_acceleration, add_rate, q, v, 1)
+        else:
+            # The elapsed share of the physics step is one more coordinate, whose rate is 1, so that
+            # the rule carries it to its stages.
+            q_after, v_after = rule(
+                acceleration_on_base,
+                add_acceleration_on_base,
+                add_rate_on_base,
+                array([*q, self.phase]),
+                array([*v, 1.0]),
+                1,
+            )
+            q_after = q_after[:-1]
+            v_after = v_after[:-1]
         if plant.buffers:
             # Force at the start of the step times the mean of the rates before and after it.
             done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
             works = works + array([0.5 * dt * self.unit * done, 0.0])
         return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
+
+    def _root_at(self, phase: Any) -> RootMotion | None:
+        """Return the motion of the base where a share of the physics step has elapsed."""
+        return None if self.root is None else interpolated_root(self.root, phase)
 
     def _with_rope(self, taut: Any) -> Plant:
         """Return the crane whose rope is in a phase; None leaves the phase to its state."""
@@ -259,7 +309,12 @@ class Step:
             small_dt = self.dt / code.from_integer(self.substeps)
             substep = replace(self, integrator=semi_implicit_euler, dt=small_dt)
             state = code.variables(before.numbers)
-            with code.loop(0, self.substeps):
+            with code.loop(0, self.substeps) as number:
+                if self.root is not None:
+                    share = 1.0 / code.from_integer(self.substeps)
+                    substep = replace(
+                        substep, phase=code.from_integer(number) * share, span=share
+                    )
                 after = substep._on_ground(before.of(state))
                 for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)
@@ -400,6 +455,10 @@ class Step:
             is_taut = phase.get() > 0.5
             bracketed = high.get() > 0.0
             piece = replace(self, dt=trying)
+            if self.root is not None:
+                elapsed = (self.dt - left) / self.dt * self.span
+                share = trying / self.dt * self.span
+                piece = replace(piece, phase=self.phase + elapsed, span=share)
             trial = piece._trial(before.of(state), is_taut)
             margin = trial.end_margin
 
@@ -487,7 +546,12 @@ class Step:
         if rope.inextensible:
             plant = self._with_rope(taut)
             end_pull = plant.forward_dynamics(
-                trial.q, trial.v, self.command, self.forces, self.reactions
+                trial.q,
+                trial.v,
+                self.command,
+                self.forces,
+                self.reactions,
+                self._root_at(self.phase + self.span),
             ).pull
             phase_lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
         start_margin = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)

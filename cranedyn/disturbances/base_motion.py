@@ -18,22 +18,23 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from cranedyn.checks import ShortRepr, finite, number
 from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error
 
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
 COORDINATES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Coordinates of a base, in the order of all arrays."""
 
 UNITS = ("m", "m", "m", "rad", "rad", "rad")
 """Unit of each of them."""
-
-COLUMNS = tuple(f"base_{name}_{unit}" for name, unit in zip(COORDINATES, UNITS, strict=True))
-"""Columns of a trajectory that hold them."""
 
 MAX_PITCH = 1.5
 """Largest pitch [rad]; at π/2 roll and yaw turn about the same axis, so that neither is determined.
@@ -366,21 +367,29 @@ class Harmonics:
 
 @dataclass(frozen=True, eq=False)
 class Spline:
-    """Coordinates on splines through a table.
+    """Coordinates on splines of degree five through a table.
 
     Attributes:
-        position: Spline of the coordinates, of `scipy.interpolate`.
-        velocity: Its first derivative.
-        acceleration: Its second derivative.
+        t: Times of the table [s], shape (rows,).
+        values: Coordinates at these times [m or rad], shape (rows, 6).
     """
 
-    position: Callable[[np.ndarray], np.ndarray]
-    velocity: Callable[[np.ndarray], np.ndarray]
-    acceleration: Callable[[np.ndarray], np.ndarray]
+    t: np.ndarray
+    values: np.ndarray
 
     def __call__(self, times: np.ndarray) -> BaseCoordinates:
         """Return the coordinates with rates and accelerations at times [s], shape (k,)."""
-        return BaseCoordinates(self.position(times), self.velocity(times), self.acceleration(times))
+        position, velocity, acceleration = self._splines
+        return BaseCoordinates(position(times), velocity(times), acceleration(times))
+
+    @cached_property
+    def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
+        """The spline and its first two derivatives."""
+        # SciPy's splines take a while to import, and few runs need them.
+        from scipy.interpolate import make_interp_spline
+
+        position = make_interp_spline(self.t, self.values, k=_SPLINE_DEGREE)
+        return position, position.derivative(1), position.derivative(2)
 
 
 def rotations(angles: np.ndarray) -> np.ndarray:
@@ -420,9 +429,6 @@ def _from_columns(
     t: Sequence[float] | np.ndarray, columns: Mapping[str, Sequence[float]], source: str
 ) -> BaseMotion:
     """Return the motion on the spline through a table, see `BaseMotion.from_table`."""
-    # SciPy's splines take a while to import, and few runs need them.
-    from scipy.interpolate import make_interp_spline
-
     times = finite("times of the base", t, ("n",), unit="s")
     if len(times) < _LEAST_ROWS:
         raise OutOfRange("number of rows of the base", len(times), f"{_LEAST_ROWS} or more")
@@ -435,9 +441,7 @@ def _from_columns(
     for name, column in columns.items():
         index = coordinate_index(name)
         values[:, index] = finite(f"{name} of the base", column, (len(times),), unit=UNITS[index])
-    position = make_interp_spline(times, values, k=_SPLINE_DEGREE)
-    spline = Spline(position, position.derivative(1), position.derivative(2))
-    return BaseMotion(spline, float(times[0]), float(times[-1]), source)
+    return BaseMotion(Spline(times, values), float(times[0]), float(times[-1]), source)
 
 
 def _columns_of_coordinates(

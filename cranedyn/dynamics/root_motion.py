@@ -107,7 +107,7 @@ class RootForces:
         """
         self._model = model
         self._data = model.createData()
-        self._floating_model = _floating(model)
+        self._floating_model = floating_model(model)
         self._floating_data = self._floating_model.createData()
         no_rotation = np.zeros(3)
         self.motion = RootMotion(no_rotation, no_rotation, -model.gravity.linear)
@@ -131,7 +131,7 @@ class RootForces:
         return standing - moving[6:]
 
 
-def _floating(model: pin.Model) -> pin.Model:
+def floating_model(model: pin.Model) -> pin.Model:
     """Return a crane whose root is a body without mass and with six degrees of freedom, in no
     gravity: gravity is part of the acceleration of the root, see `RootMotion`.
     """
