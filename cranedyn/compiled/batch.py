@@ -28,6 +28,7 @@ from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.contact import Contacts, Ground, anchors_at
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -143,6 +144,7 @@ def simulate_batch(
     converters: Converters | Sequence[Converters] | None = None,
     device: Device = "cpu",
     ground: Ground | None = None,
+    base: BaseMotion | None = None,
 ) -> Batch:
     """Run many cranes at once by compiled code, each as `simulate` with validity = mark does.
 
@@ -182,6 +184,9 @@ def simulate_batch(
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
             `cranedyn.compiled.cuda`, but for predictive controllers and ground.
         ground: Ground and platforms for all, as stiff as for the first crane; None for none.
+        base: Motion of the base on which all cranes stand, see `simulate`; None for cranes that
+            stand in the world. Recorded energies are then those that a standing crane would have
+            with the same coordinates and rates, and a force has a row for each control instant.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -193,7 +198,7 @@ def simulate_batch(
     clock = clocks(duration, dt, control_period)
     check_choice("drive", drive, Drive)
     check_choice("device", device, Device)
-    _check_together(device, threads, drive, buffers, force, force_interval)
+    _check_together(device, threads, drive, buffers, force, force_interval, base)
     check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
     residual_instant = _instant(residual_from, t_start, clock)
@@ -220,6 +225,12 @@ def simulate_batch(
     times = t_start + control_period * np.arange(clock.periods + 1)
 
     # Tables of what acts and what is commanded at each control instant.
+    root = None
+    if base is not None:
+        root = inputs.root_table(base, models.distinct, t_start, clock, used)
+        used += root.size
+        # From here on, forces are in the axes of the base.
+        force = inputs.force_in_base_axes(force, base, times)
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
@@ -250,6 +261,7 @@ def simulate_batch(
         threads=on_gpu,
         contacts=models.contacts,
         controller_states=control.states.shape[1],
+        base=base is not None,
     )
     compiled = _compile(models, options, cranes)
     # The varied numbers of the cranes stand in rows and, arranged in lanes, for the code.
@@ -288,6 +300,7 @@ def simulate_batch(
         log=memory.log,
         horizon=memory.horizon,
         workspace=memory.workspace,
+        root=root,
     )
     if on_gpu:
         cuda.run(loop, compiled.code, compiled.cranes, compiled.varied, models.response)
@@ -306,6 +319,7 @@ def _check_together(
     buffers: bool,
     force: np.ndarray | None,
     force_interval: int,
+    base: BaseMotion | None,
 ) -> None:
     """Check arguments of `simulate_batch` that must fit each other.
 
@@ -321,6 +335,9 @@ def _check_together(
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     if force is None and force_interval != 1:
         raise OutOfRange("force_interval", force_interval, "1 where there is no force")
+    if base is not None and force_interval != 1:
+        # The base turns against a force in the world from one instant to the next.
+        raise OutOfRange("force_interval", force_interval, "1 on a base that moves")
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:

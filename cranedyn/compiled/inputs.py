@@ -31,7 +31,9 @@ from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.plant.plant import Topology
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.controllers.hold import Hold
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import converters_of_run
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -445,6 +447,60 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
         return RowTable(np.zeros((1, columns)), 1, np.zeros(cranes, dtype=np.int64))
     values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     return _stacked("force", values, cranes, per_crane=values.ndim == 3)
+
+
+def force_in_base_axes(force: Any, base: BaseMotion, times: np.ndarray) -> Any:
+    """Return forces in the axes of a base that moves, a row for each control instant, from those in
+    the world, as `force_table` takes them; None for None. From one instant to the next they are
+    held in these axes.
+
+    Args:
+        force: The forces; beyond the end of their rows the last row applies.
+        base: Motion of the base.
+        times: Control instants [s], shape (instants,).
+    """
+    if force is None:
+        return None
+    values = finite("force", force, ("m", "k"), ("n", "m", "k"), unit="N")
+    if values.shape[-1] % 3 or not values.size:
+        return force  # which `force_table` refuses
+    row_of_instant = np.minimum(np.arange(len(times)), values.shape[-2] - 1)
+    vectors = values[..., row_of_instant, :].reshape(*values.shape[:-2], len(times), -1, 3)
+    rotations = base.frames(times).rotation
+    turned = np.einsum("kij,...kpi->...kpj", rotations, vectors)
+    return turned.reshape(*values.shape[:-2], len(times), values.shape[-1])
+
+
+def root_table(
+    base: Any, cranes: Sequence[Crane] | Cranes, t_start: float, clock: Clocks, used: int
+) -> np.ndarray:
+    """Return the motion of the base of all cranes, a row for each half physics step, see
+    `BufferLayout.root`.
+
+    Args:
+        base: Motion of the base.
+        cranes: The distinct cranes.
+        t_start: Time at the start [s].
+        clock: How the run is divided.
+        used: Numbers of memory already used.
+
+    Raises:
+        OutOfRange: If it is no motion, is not known for the whole run, or does not fit into 4 GB;
+            if the cranes have different gravity, which is part of what they feel.
+    """
+    if not isinstance(base, BaseMotion):
+        allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
+        raise OutOfRange("base", type(base).__name__, allowed)
+    gravity = cranes[0].model.gravity.linear.copy()
+    if not isinstance(cranes, Cranes):
+        for crane in cranes:
+            if not np.array_equal(crane.model.gravity.linear, gravity):
+                values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
+                raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
+    rows = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
+    check_fits_memory("physics steps on a base", str(rows), used + rows * ROOT_NUMBERS)
+    times = t_start + clock.dt / SAMPLES_PER_STEP * np.arange(rows)
+    return np.ascontiguousarray(base.frames(times).root_numbers(gravity))
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:

@@ -312,9 +312,7 @@ class Step:
             with code.loop(0, self.substeps) as number:
                 if self.root is not None:
                     share = 1.0 / code.from_integer(self.substeps)
-                    substep = replace(
-                        substep, phase=code.from_integer(number) * share, span=share
-                    )
+                    substep = replace(substep, phase=code.from_integer(number) * share, span=share)
                 after = substep._on_ground(before.of(state))
                 for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)

@@ -286,9 +286,7 @@ class BaseMotion(ShortRepr):
             alpha=alpha,
         )
 
-    def world_velocities(
-        self, t: float, position: np.ndarray, velocity: np.ndarray
-    ) -> np.ndarray:
+    def world_velocities(self, t: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the velocities of points in the world [m/s], shape (points, 3), at a time [s].
 
         Args:
@@ -444,9 +442,7 @@ def _from_columns(
     return BaseMotion(Spline(times, values), float(times[0]), float(times[-1]), source)
 
 
-def _columns_of_coordinates(
-    names: Sequence[str], path: str | Path
-) -> dict[str, tuple[str, float]]:
+def _columns_of_coordinates(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, float]]:
     """Return for each coordinate in a file the column that holds it, and the factor to its unit.
 
     Raises:

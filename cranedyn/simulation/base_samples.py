@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.dynamics.root_motion import SAMPLES_PER_STEP
+from cranedyn.errors import CraneError
 from cranedyn.simulation.run_spec import RunSpec
 
 _PERIODS_AT_ONCE = 100
@@ -63,14 +64,25 @@ class BaseSamples:
             ahead = _PERIODS_AT_ONCE
             # The motion may be known no longer than the run lasts, and a stepper has no end.
             remaining = (self._base.last - self._spec.time(instant)) / self._spec.clocks.period
-            self._kept_periods = max(1, int(min(ahead, remaining)))
-            self._first_kept = instant
-            self._kept = self.of_periods(instant, self._kept_periods)
-            self._kept.flags.writeable = False
+            self._read(instant, max(1, int(min(ahead, remaining))))
             place = 0
         rows_per_period = SAMPLES_PER_STEP * self._spec.clocks.steps
         first_row = place * rows_per_period
         return self._kept[first_row : first_row + rows_per_period + 1]
+
+    def _read(self, instant: int, periods: int) -> None:
+        """Compute and keep the samples of some periods from an instant on; of one alone if the
+        function of the base fails further on, so that the run goes on until then.
+        """
+        try:
+            samples = self.of_periods(instant, periods)
+        except CraneError:
+            periods = 1
+            samples = self.of_periods(instant, periods)
+        samples.flags.writeable = False
+        self._first_kept = instant
+        self._kept_periods = periods
+        self._kept = samples
 
     def of_instant(self, instant: int) -> np.ndarray:
         """Return the sample of a control instant, shape (9,). The errors are those of
