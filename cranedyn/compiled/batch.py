@@ -196,11 +196,9 @@ def simulate_batch(
         ModelError: If the code does not agree with Pinocchio.
     """
     clock = clocks(duration, dt, control_period)
-    check_choice("drive", drive, Drive)
-    check_choice("device", device, Device)
+    number("time at the start", t_start, "s", "-1e9 to 1e9")
     _check_together(device, threads, drive, buffers, force, force_interval, base)
     check_rule(integrator)
-    number("time at the start", t_start, "s", "-1e9 to 1e9")
     residual_instant = _instant(residual_from, t_start, clock)
     log_interval = min(whole("record", record, 0), clock.periods + 1)
     log_rows = clock.periods // log_interval + 1 if log_interval else 0
@@ -225,12 +223,10 @@ def simulate_batch(
     times = t_start + control_period * np.arange(clock.periods + 1)
 
     # Tables of what acts and what is commanded at each control instant.
-    root = None
-    if base is not None:
-        root = inputs.root_table(base, models.distinct, t_start, clock, used)
-        used += root.size
-        # From here on, forces are in the axes of the base.
-        force = inputs.force_in_base_axes(force, base, times)
+    root = inputs.root_table(base, models.distinct, t_start, clock, used)
+    used += 0 if root is None else root.size
+    # From here on, forces are in the axes of the base.
+    force = inputs.force_in_base_axes(force, base, times)
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
@@ -239,9 +235,7 @@ def simulate_batch(
     )
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     predictive = control.predictive
-    if on_gpu and (predictive is not None or models.contacts is not None):
-        allowed = "cpu where the controller is a predictive one or the load may touch the ground"
-        raise OutOfRange("device", device, allowed)
+    _check_device(device, predictive, models.contacts)
 
     # The code, one for all cranes.
     options = KernelOptions(
@@ -321,12 +315,14 @@ def _check_together(
     force_interval: int,
     base: BaseMotion | None,
 ) -> None:
-    """Check arguments of `simulate_batch` that must fit each other.
+    """Check arguments of `simulate_batch` that are choices, or must fit each other.
 
     Raises:
         OutOfRange: If they do not.
         CraneError: If the device is "cuda" and there is no GPU.
     """
+    check_choice("drive", drive, Drive)
+    check_choice("device", device, Device)
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
@@ -338,6 +334,17 @@ def _check_together(
     if base is not None and force_interval != 1:
         # The base turns against a force in the world from one instant to the next.
         raise OutOfRange("force_interval", force_interval, "1 on a base that moves")
+
+
+def _check_device(device: Device, predictive: Receding | None, contacts: Contacts | None) -> None:
+    """Check that a GPU can do what is asked for.
+
+    Raises:
+        OutOfRange: If it cannot.
+    """
+    if device == "cuda" and (predictive is not None or contacts is not None):
+        allowed = "cpu where the controller is a predictive one or the load may touch the ground"
+        raise OutOfRange("device", device, allowed)
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:

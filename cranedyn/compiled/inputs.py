@@ -449,18 +449,18 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
     return _stacked("force", values, cranes, per_crane=values.ndim == 3)
 
 
-def force_in_base_axes(force: Any, base: BaseMotion, times: np.ndarray) -> Any:
+def force_in_base_axes(force: Any, base: BaseMotion | None, times: np.ndarray) -> Any:
     """Return forces in the axes of a base that moves, a row for each control instant, from those in
-    the world, as `force_table` takes them; None for None. From one instant to the next they are
-    held in these axes.
+    the world, as `force_table` takes them; those that are given if there are none, or no such base.
+    From one instant to the next they are held in these axes.
 
     Args:
         force: The forces; beyond the end of their rows the last row applies.
         base: Motion of the base.
         times: Control instants [s], shape (instants,).
     """
-    if force is None:
-        return None
+    if force is None or base is None:
+        return force
     values = finite("force", force, ("m", "k"), ("n", "m", "k"), unit="N")
     if values.shape[-1] % 3 or not values.size:
         return force  # which `force_table` refuses
@@ -473,9 +473,9 @@ def force_in_base_axes(force: Any, base: BaseMotion, times: np.ndarray) -> Any:
 
 def root_table(
     base: Any, cranes: Sequence[Crane] | Cranes, t_start: float, clock: Clocks, used: int
-) -> np.ndarray:
+) -> np.ndarray | None:
     """Return the motion of the base of all cranes, a row for each half physics step, see
-    `BufferLayout.root`.
+    `BufferLayout.root`; None for a base at rest, which is given as None.
 
     Args:
         base: Motion of the base.
@@ -488,6 +488,8 @@ def root_table(
         OutOfRange: If it is no motion, is not known for the whole run, or does not fit into 4 GB;
             if the cranes have different gravity, which is part of what they feel.
     """
+    if base is None:
+        return None
     if not isinstance(base, BaseMotion):
         allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
         raise OutOfRange("base", type(base).__name__, allowed)

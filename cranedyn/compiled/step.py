@@ -219,15 +219,47 @@ class Step:
             taut: Whether the rope is taut all the time; None leaves that to the state.
         """
         plant = self._with_rope(taut)
-        dt = self.dt
-        pulls = []
+        q, v, works, anchors = state
+        pulls: list[Any] = []
+        if self.root is None:
+            q_after, v_after = self._at_rest(plant, q, v, pulls)
+        else:
+            q_after, v_after = self._on_base(plant, q, v, pulls)
+        if plant.buffers:
+            # Force at the start of the step times the mean of the rates before and after it.
+            done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
+            works = works + array([0.5 * self.dt * self.unit * done, 0.0])
+        return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
+
+    def _at_rest(
+        self, plant: Plant, q: np.ndarray, v: np.ndarray, pulls: list[Any]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and rates after the step on a base at rest.
+
+        Args:
+            plant: The crane, with its rope in a phase.
+            q: Coordinates before the step, shape (n,).
+            v: Rates before the step, shape (n,).
+            pulls: To which the pull of the rope at each stage of the rule is added.
+        """
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             dynamics = plant.forward_dynamics(q, v, self.command, self.forces, self.reactions)
             pulls.append(dynamics.pull)
             return dynamics.acceleration
 
-        def acceleration_on_base(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+        return self.integrator.rule(acceleration, self._add_acceleration, self._add_rate, q, v, 1)
+
+    def _on_base(
+        self, plant: Plant, q: np.ndarray, v: np.ndarray, pulls: list[Any]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and rates after the step on a base that moves, see `_at_rest`.
+
+        A rule knows no time. The elapsed share of the physics step is therefore one more
+        coordinate, whose rate is 1, and the rule itself carries it to its stages.
+        """
+
+        def acceleration(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
             dynamics = plant.forward_dynamics(
                 q_and_phase[:-1],
                 v_and_one[:-1],
@@ -239,50 +271,39 @@ class Step:
             pulls.append(dynamics.pull)
             return array([*dynamics.acceleration, 0.0])
 
-        def add_acceleration_on_base(v_and_one: np.ndarray, a_and_zero: np.ndarray) -> np.ndarray:
-            # The last rate is that of time, which no acceleration changes.
-            v = add_acceleration(v_and_one[:-1], a_and_zero[:-1])
-            return array([*v, v_and_one[-1]])
+        def add_acceleration(v_and_one: np.ndarray, a_and_zero: np.ndarray) -> np.ndarray:
+            # No acceleration changes the rate of time.
+            rates = self._add_acceleration(v_and_one[:-1], a_and_zero[:-1])
+            return array([*rates, v_and_one[-1]])
 
-        def add_rate_on_base(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+        def add_rate(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
             phase = q_and_phase[-1] + v_and_one[-1] * self.span
-            return array([*add_rate(q_and_phase[:-1], v_and_one[:-1]), phase])
+            return array([*self._add_rate(q_and_phase[:-1], v_and_one[:-1]), phase])
 
-        def add_acceleration(v: np.ndarray, a: np.ndarray) -> np.ndarray:
-            return v + a * dt
+        q_after, v_after = self.integrator.rule(
+            acceleration,
+            add_acceleration,
+            add_rate,
+            array([*q, self.phase]),
+            array([*v, 1.0]),
+            1,
+        )
+        return q_after[:-1], v_after[:-1]
 
-        def add_rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            moved = []
-            for coordinate, increment in zip(q, v * dt, strict=True):
-                if is_zero(coordinate):
-                    moved.append(increment)
-                else:
-                    # Records the sum, so that sines and cosines are rotated by the increment.
-                    moved.append(coordinate.code.advanced(coordinate, increment))
-            return array(moved)
+    def _add_acceleration(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return rates after the step under accelerations."""
+        return v + a * self.dt
 
-        q, v, works, anchors = state
-        rule = self.integrator.rule
-        if self.root is None:
-            q_after, v_after = rule(acceleration, add_acceleration, add_rate, q, v, 1)
-        else:
-            # The elapsed share of the physics step is one more coordinate, whose rate is 1, so that
-            # the rule carries it to its stages.
-            q_after, v_after = rule(
-                acceleration_on_base,
-                add_acceleration_on_base,
-                add_rate_on_base,
-                array([*q, self.phase]),
-                array([*v, 1.0]),
-                1,
-            )
-            q_after = q_after[:-1]
-            v_after = v_after[:-1]
-        if plant.buffers:
-            # Force at the start of the step times the mean of the rates before and after it.
-            done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
-            works = works + array([0.5 * dt * self.unit * done, 0.0])
-        return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
+    def _add_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return coordinates after the step at rates."""
+        moved = []
+        for coordinate, increment in zip(q, v * self.dt, strict=True):
+            if is_zero(coordinate):
+                moved.append(increment)
+            else:
+                # Records the sum, so that sines and cosines are rotated by the increment.
+                moved.append(coordinate.code.advanced(coordinate, increment))
+        return array(moved)
 
     def _root_at(self, phase: Any) -> RootMotion | None:
         """Return the motion of the base where a share of the physics step has elapsed."""

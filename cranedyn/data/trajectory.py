@@ -47,9 +47,9 @@ class Trajectory(TimeSeries):
         force: External forces in the world frame from this instant to the next, on the points of
             the crane [N], shape (rows, 3 points).
         outside: Work done on the crane since the start by these forces, by buffers at the ends of
-            the ranges, if the rope may go slack, by impacts where it becomes taut, which is negative
-            where kinetic energy is lost, and, if the base moves, by the base [J], shape (rows, 2 to
-            4).
+            the ranges, if the rope may go slack, by impacts where it becomes taut, which is
+            negative where kinetic energy is lost, and, if the base moves, by the base [J], shape
+            (rows, 2 to 4).
         valid: 1 where the model is valid, 0 elsewhere, see `cranedyn.dynamics.validity`; shape
             (rows,).
         phase: 0 where the rope is taut, 1 where it is slack, 2 where the load stands on the ground,

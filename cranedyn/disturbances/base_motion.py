@@ -30,6 +30,8 @@ from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, form
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
+    from cranedyn.disturbances.waves import Jonswap, Raos
+
 COORDINATES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Coordinates of a base, in the order of all arrays."""
 
@@ -115,7 +117,9 @@ class BaseMotion(ShortRepr):
     source: str = "a function"
 
     @classmethod
-    def from_table(cls, t: Sequence[float] | np.ndarray, **columns: Sequence[float]) -> BaseMotion:
+    def from_table(
+        cls, t: Sequence[float] | np.ndarray, **columns: Sequence[float] | np.ndarray
+    ) -> BaseMotion:
         """Return the motion on the spline of degree five through a table.
 
         The spline is four times differentiable, so that accelerations are smooth; its ends take no
@@ -182,6 +186,41 @@ class BaseMotion(ShortRepr):
             phase[0, column] = number(f"phase of {name}", given_phase, "rad")
         return cls(Harmonics(amplitude, frequency, phase), source=f"sines of {', '.join(waves)}")
 
+    @classmethod
+    def from_waves(
+        cls,
+        spectrum: Jonswap,
+        *,
+        raos: Raos | str | Path,
+        seed: int,
+        heading: float | None = None,
+        components: int = 200,
+    ) -> BaseMotion:
+        """Return the motion of a ship without speed in long-crested waves, one realisation of a
+        sea, see `cranedyn.disturbances.waves`.
+
+        Args:
+            spectrum: Spectrum of the waves, a `Jonswap`.
+            raos: Response amplitude operators of the ship, or a file with them, see
+                `Raos.from_file`.
+            seed: Seed of the random phases; the same seed gives the same motion.
+            heading: Direction in which the waves travel, from the ship's X towards its Y [°]: 180
+                for head seas. One of those in the file; None for a file with none or one.
+            components: Number of waves.
+
+        Raises:
+            DataError: If the file cannot be read, or columns are missing.
+            OutOfRange: If a number is out of its range, or the operators do not cover the waves.
+        """
+        from cranedyn.disturbances import waves
+
+        if not isinstance(raos, waves.Raos):
+            raos = waves.Raos.from_file(raos, heading)
+        elif heading is not None and heading != raos.heading:
+            allowed = f"that of the RAOs, {raos.heading}, or none"
+            raise OutOfRange("heading of the waves", heading, allowed, "°")
+        return waves.motion_in_waves(spectrum, raos, seed=seed, components=components)
+
     def at(self, times: np.ndarray) -> BaseCoordinates:
         """Return the coordinates with rates and accelerations at times [s], shape (k,).
 
@@ -239,7 +278,7 @@ class BaseMotion(ShortRepr):
             OutOfRange: As `at`.
         """
         position, velocity, acceleration = self.at(times)
-        roll, pitch, yaw = position[:, 3:].T
+        roll, pitch, _ = position[:, 3:].T
         roll_rate, pitch_rate, yaw_rate = velocity[:, 3:].T
         roll_acceleration, pitch_acceleration, yaw_acceleration = acceleration[:, 3:].T
         sin_roll = np.sin(roll)
@@ -424,7 +463,9 @@ def coordinate_index(name: str) -> int:
 
 
 def _from_columns(
-    t: Sequence[float] | np.ndarray, columns: Mapping[str, Sequence[float]], source: str
+    t: Sequence[float] | np.ndarray,
+    columns: Mapping[str, Sequence[float] | np.ndarray],
+    source: str,
 ) -> BaseMotion:
     """Return the motion on the spline through a table, see `BaseMotion.from_table`."""
     times = finite("times of the base", t, ("n",), unit="s")

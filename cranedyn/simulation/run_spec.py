@@ -13,9 +13,9 @@ import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number
 from cranedyn.clocks import Clocks, clocks
-from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.disturbances.wind import Wind
+from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import OutOfRange, shown
 from cranedyn.interfaces import Disturbance, Drive, State, Validity

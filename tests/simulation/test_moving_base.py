@@ -1,4 +1,4 @@
-"""A crane on a base that moves: against closed forms, other programs and principles of mechanics."""
+"""A crane on a base that moves: against closed forms, other programs, principles of mechanics."""
 
 from __future__ import annotations
 
@@ -500,9 +500,9 @@ def test_a_base_that_is_none_is_refused_in_a_sentence() -> None:
         run_on("heave")
     t = np.linspace(0.0, 0.5, 20)
     short = BaseMotion.from_table(t, heave=np.sin(t))
-    with pytest.raises(OutOfRange, match=r"is 1.0 s; allowed is 0 to 0.5, for which a table"):
+    with pytest.raises(OutOfRange, match=r"is 1\.0 s; allowed is 0 to 0\.5, for which a table"):
         run_on(short)
-    with pytest.raises(OutOfRange, match="is -1.0 s"):
+    with pytest.raises(OutOfRange, match=r"is -1\.0 s"):
         run_on(short, t_start=-1.0)
     steep = BaseMotion.sines(pitch=(1.6, 4.0))
     with pytest.raises(OutOfRange, match="pitch of the base"):
@@ -516,6 +516,6 @@ def test_a_function_that_fails_on_the_way_ends_a_run_with_its_rows() -> None:
         return BaseCoordinates(*np.zeros((3, len(times), 6)))
 
     for engine in ENGINES:
-        with pytest.raises(RunError, match="The function of the base failed.*no sea here") as told:
+        with pytest.raises(RunError, match=r"The function of the base failed.*no sea here") as told:
             run_on(BaseMotion(function), engine=engine)
         assert told.value.trajectory is not None
