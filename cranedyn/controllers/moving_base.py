@@ -133,7 +133,10 @@ class SwingInWorld(ShortRepr):
         earlier = max(t - _RATE_STEP, self.base.first)
         later = min(t + _RATE_STEP, self.base.last)
         rotations = self.base.frames(np.array([earlier, t, later])).rotation
-        before, plumb, after = (self._plumb(state.q, rotation) for rotation in rotations)
+        gravity = self.crane.model.gravity.linear
+        # Gravity in the axes of the base less that on a level base, at the three times.
+        turned = np.einsum("kij,i->kj", rotations, gravity) - gravity
+        before, plumb, after = turned @ self._compliance(state.q).T
         passive = self.crane.layout.passive
         q = state.q.copy()
         v = state.v.copy()
@@ -141,23 +144,25 @@ class SwingInWorld(ShortRepr):
         v[passive] -= (after - before) / (later - earlier)
         return self.controller(t, State(q, v), setpoint)
 
-    def _plumb(self, q: np.ndarray, rotation: np.ndarray) -> np.ndarray:
-        """Return how far the passive joints would hang from their rest on a level base, shape
-        (passive,), to first order of the tilt.
+    def _compliance(self, q: np.ndarray) -> np.ndarray:
+        """Return how far the passive joints hang from their rest on a level base per change of
+        gravity in the axes of the base [rad or m, over m/s²], shape (passive, 3), to first order.
 
-        Gravity that is turned into the base acts on them with other forces than gravity of a level
-        base; both over the stiffness of their rest is the change of the rest.
+        A change Δg of gravity acts on the joints with the generalized forces m Jᵀ Δg, with the mass
+        m of the crane and the Jacobian J of its centre of mass. These over the stiffness of the
+        rest are the change of the rest.
+
+        Args:
+            q: Coordinates of the crane, of which those of the drives count.
         """
         crane = self.crane
         passive = crane.layout.passive
         rest = crane.start.q.copy()
         rest[crane.layout.drives] = q[crane.layout.drives]
-        block = np.ix_(passive, passive)
         stiffness = rest_stiffness(crane.model, crane.data, crane.springs, rest, crane.coupling)
-        gravity = crane.model.gravity.linear
-        turned = rotation.T @ gravity - gravity
-        forces = _forces_of_gravity(crane, rest, turned)[passive]
-        return np.linalg.solve(stiffness[block], forces)
+        jacobian = pin.jacobianCenterOfMass(crane.model, crane.data, rest)
+        forces = crane.data.mass[0] * jacobian.T[passive]
+        return np.linalg.solve(stiffness[np.ix_(passive, passive)], forces)
 
 
 def swing_in_world(crane: Crane, controller: Controller, base: BaseMotion) -> SwingInWorld:
@@ -174,12 +179,3 @@ def swing_in_world(crane: Crane, controller: Controller, base: BaseMotion) -> Sw
         base: Motion of the base, as it is measured.
     """
     return SwingInWorld(crane, controller, base)
-
-
-def _forces_of_gravity(crane: Crane, q: np.ndarray, gravity: np.ndarray) -> np.ndarray:
-    """Return the generalized forces of a field of gravity in the frame of the base [m/s²] on the
-    joints of a crane at coordinates q, shape (n,).
-    """
-    model = crane.model.copy()
-    model.gravity = pin.Motion(gravity, np.zeros(3))
-    return -pin.computeGeneralizedGravity(model, model.createData(), q)
