@@ -556,7 +556,7 @@ def _compensation_table(hoists: Sequence[Compensation]) -> ResultTable:
         ("load heaves ± [mm]", ".2f", lambda hoist: 1e3 * HEAVE * hoist.left),
         ("share [%]", ".3f", lambda hoist: 100.0 * hoist.left),
         (
-            "|1 - H| [%]",
+            "closed form [%]",
             ".3f",
             lambda hoist: None if hoist.expected is None else 100.0 * hoist.expected,
         ),
@@ -581,9 +581,8 @@ def _boundary_table(edges: Sequence[Boundary]) -> ResultTable:
         edges,
         ("source", "", lambda edge: edge.source),
         ("q", "g", lambda edge: edge.q),
-        ("expected", ".8f", lambda edge: edge.expected),
-        ("simulated", ".8f", lambda edge: edge.simulated),
-        ("relative error", "+.0e", lambda edge: edge.error),
+        ("expected", ".6f", lambda edge: edge.expected),
+        ("simulated", ".6f", lambda edge: edge.simulated),
     )
 
 

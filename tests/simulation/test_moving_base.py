@@ -11,6 +11,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from numpy.testing import assert_allclose
+from scipy.optimize import brentq
 from scipy.special import mathieu_a, mathieu_b
 
 from cranedyn.controllers import hold_controller
@@ -179,6 +180,61 @@ def test_both_engines_move_a_crane_on_a_base_alike(drive: str, rule: Any) -> Non
     for name in ("q", "v", "effort", "energy", "outside", "base"):
         plain, compiled = (getattr(run, name) for run in runs)
         assert_allclose(compiled, plain, rtol=0.0, atol=1e-11 * max(1.0, np.abs(plain).max()))
+
+
+def test_buffers_act_on_a_moving_base_alike_in_both_engines() -> None:
+    # Where a buffer acts, small steps replace each step of RK4: they must know the time within it.
+    one = crane()
+    start = one.state(x=float(one.upper[1]) - 0.01, l=10.0)
+    pushed = one.effort_limit * np.array([0.0, 1.0, 0.0])
+    pushed[2] = -one.payload_mass * G
+    shaking = BaseMotion.sines(sway=(0.05, 0.4), roll=(0.02, 0.5))
+    how: dict[str, Any] = dict(
+        start=start, duration=0.4, validity="buffers", integrator=rk4, dt=5e-3, base=shaking
+    )
+    runs = [
+        simulate(one, lambda t, state, setpoint: pushed, engine=engine, **how) for engine in ENGINES
+    ]
+    assert abs(runs[0]["W_buffers_J"][-1]) > 10.0
+    assert_allclose(runs[1].q, runs[0].q, rtol=0.0, atol=1e-10)
+    assert_allclose(runs[1].outside, runs[0].outside, rtol=0.0, atol=1e-5)
+
+
+def test_a_rope_catches_its_load_on_a_heaving_base_where_its_ends_meet() -> None:
+    # In coarse steps, too: the pieces of a step know when in the step they begin. The load falls
+    # freely while the base heaves, and the closed form says when the rope has no more slack.
+    one = load_crane(gravity=G, rope_stiffness=math.inf)
+    stretch = one.springs.rope.stretch
+    start = one.state(x=12.0, l=10.0)
+    q = start.q.copy()
+    q[stretch] = -0.05
+    amplitude = 0.1
+    omega = 2.0 * math.pi / 1.6
+    base = BaseMotion.sines(heave=(amplitude, 1.6))
+    found = []
+    for dt in (2e-2, 1e-3):
+        run = quickly(
+            one,
+            locked,
+            start=State(q, start.v),
+            duration=0.3,
+            dt=dt,
+            control_period=0.02,
+            drive="motion",
+            integrator=rk4,
+            base=base,
+            validity="mark",
+        )
+        found.append(run["W_impacts_J"][-1])
+    # The stretch is s = -0.05 + g t²/2 + A (sin ωt - ωt), as the load is released at the rate of
+    # the base; the impact takes ½ m ṡ² where s = 0.
+    t = brentq(
+        lambda t: -0.05 + G * t**2 / 2.0 + amplitude * (math.sin(omega * t) - omega * t), 0, 1
+    )
+    rate = G * t + amplitude * omega * (math.cos(omega * t) - 1.0)
+    expected = -0.5 * one.payload_mass * rate**2
+    # RK4 in steps of 0.02 s: (ω dt)⁴/100 = 1e-7
+    assert_allclose(found, expected, rtol=1e-6)
 
 
 def test_wind_blows_against_the_motion_of_the_base_in_both_engines() -> None:
