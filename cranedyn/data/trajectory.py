@@ -132,6 +132,19 @@ class Trajectory(TimeSeries):
             given = f"of joints {', '.join(self.symbols)}"
             raise OutOfRange("run", given, f"a run of this crane, of joints {expected}")
 
+    def check_base_at_rest(self, purpose: str) -> None:
+        """Check that the base on which the crane stands does not move.
+
+        Args:
+            purpose: What knows no base that moves, such as "The load chart".
+
+        Raises:
+            OutOfRange: If it moves.
+        """
+        if self.base is not None:
+            allowed = f"one of a crane that stands in the world: {purpose} knows no base that moves"
+            raise OutOfRange("run", "one with a base that moves", allowed)
+
     @property
     def drives(self) -> list[int]:
         """Indices of the driven coordinates among all coordinates."""

@@ -23,7 +23,7 @@ from cranedyn.dynamics.drives import EffortDrives, ExternalForces
 from cranedyn.dynamics.equations_of_motion import point_positions
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.root_motion import RootMotion, floating_model
-from cranedyn.errors import OutOfRange, RunError
+from cranedyn.errors import DataError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
@@ -575,3 +575,42 @@ def test_a_function_that_fails_on_the_way_ends_a_run_with_its_rows() -> None:
         with pytest.raises(RunError, match=r"The function of the base failed.*no sea here") as told:
             run_on(BaseMotion(function), engine=engine)
         assert told.value.trajectory is not None
+
+
+# --- what follows a run ---------------------------------------------------------------------------
+
+
+def test_what_knows_no_base_that_moves_refuses_such_a_run(tmp_path: Any) -> None:
+    from cranedyn.identification.checked_record import load_record
+    from cranedyn.lifts.judging.loads import loads
+
+    one = crane()
+    run = quickly(one, hold_controller(one), duration=0.5, base=SEA)
+    with pytest.raises(OutOfRange, match="the computation of loads knows no base that moves"):
+        loads(one, run)
+    file = tmp_path / "run.csv"
+    run.write(file)
+    with pytest.raises(DataError, match=r"has base_surge_m.*identification knows none"):
+        load_record(file, one)
+
+
+def test_an_mcap_file_has_the_root_of_the_crane_in_the_world(tmp_path: Any) -> None:
+    pytest.importorskip("mcap", reason="extra mcap is not installed")
+    from mcap_ros2.reader import read_ros2_messages
+
+    from cranedyn.export import mcap
+
+    one = crane()
+    run = quickly(one, hold_controller(one), duration=0.1, base=SEA)
+    file = mcap.export(tmp_path / "run.mcap", one, run)
+    last = [message.ros_msg for message in read_ros2_messages(str(file), topics=["/tf"])][-1]
+    (root,) = [item for item in last.transforms if item.child_frame_id == "world"]
+    # The root link of the tower crane has the name of the world itself.
+    assert root.header.frame_id == "earth"
+    t = root.header.stamp.sec + 1e-9 * root.header.stamp.nanosec
+    frames = SEA.frames(np.array([t]))
+    moved = root.transform.translation
+    assert_allclose([moved.x, moved.y, moved.z], frames.origin[0], atol=1e-8)
+    turn = root.transform.rotation
+    rotation = pin.Quaternion(turn.w, turn.x, turn.y, turn.z).matrix()
+    assert_allclose(rotation, frames.rotation[0], atol=1e-8)
