@@ -144,7 +144,7 @@ def simulate_batch(
     converters: Converters | Sequence[Converters] | None = None,
     device: Device = "cpu",
     ground: Ground | None = None,
-    base: BaseMotion | None = None,
+    base: BaseMotion | Sequence[BaseMotion] | None = None,
 ) -> Batch:
     """Run many cranes at once by compiled code, each as `simulate` with validity = mark does.
 
@@ -184,9 +184,10 @@ def simulate_batch(
         device: "cpu", or "cuda" for an NVIDIA GPU, one crane a thread, see
             `cranedyn.compiled.cuda`, but for predictive controllers and ground.
         ground: Ground and platforms for all, as stiff as for the first crane; None for none.
-        base: Motion of the base on which all cranes stand, see `simulate`; None for cranes that
-            stand in the world. Recorded energies are then those that a standing crane would have
-            with the same coordinates and rates, and a force has a row for each control instant.
+        base: Motion of the base on which all cranes stand, or n motions, see `simulate`; None for
+            cranes that stand in the world. Recorded energies are then those that a standing crane
+            would have with the same coordinates and rates, and a force has a row for each control
+            instant.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -211,7 +212,12 @@ def simulate_batch(
     if start is None:
         start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
-        crane=crane, controller=controller, reference=reference, start=start, converter=converters
+        crane=crane,
+        controller=controller,
+        reference=reference,
+        start=start,
+        converter=converters,
+        base=base,
     )
     models = _models(crane, cranes, drive, converters, clock, ground)
     sizes = models.sizes
@@ -223,10 +229,10 @@ def simulate_batch(
     times = t_start + control_period * np.arange(clock.periods + 1)
 
     # Tables of what acts and what is commanded at each control instant.
-    root = inputs.root_table(base, models.distinct, t_start, clock, used)
-    used += 0 if root is None else root.size
+    root = inputs.root_table(base, cranes, models.distinct, t_start, clock, used)
+    used += 0 if root is None else root.rows.size
     # From here on, forces are in the axes of the base.
-    force = inputs.force_in_base_axes(force, base, times)
+    force = inputs.force_in_base_axes(force, base, cranes, times)
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
@@ -256,6 +262,7 @@ def simulate_batch(
         contacts=models.contacts,
         controller_states=control.states.shape[1],
         base=base is not None,
+        base_by_lane=root is not None and not root.shared,
     )
     compiled = _compile(models, options, cranes)
     # The varied numbers of the cranes stand in rows and, arranged in lanes, for the code.
@@ -295,6 +302,7 @@ def simulate_batch(
         horizon=memory.horizon,
         workspace=memory.workspace,
         root=root,
+        root_starts=None if root is None else group_lanes([root.starts[:, None]], lanes, np.int64),
     )
     if on_gpu:
         cuda.run(loop, compiled.code, compiled.cranes, compiled.varied, models.response)
@@ -313,7 +321,7 @@ def _check_together(
     buffers: bool,
     force: np.ndarray | None,
     force_interval: int,
-    base: BaseMotion | None,
+    base: BaseMotion | Sequence[BaseMotion] | None,
 ) -> None:
     """Check arguments of `simulate_batch` that are choices, or must fit each other.
 

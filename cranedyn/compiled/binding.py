@@ -58,7 +58,7 @@ _DOUBLES_PER_CACHE_LINE = 8
 _WRITTEN_ARRAYS = frozenset(("state", "readings", "summary", "log", "horizon"))
 """Arrays that the code of a loop writes to."""
 
-_INTEGER_ARRAYS = frozenset(("delay", "starts"))
+_INTEGER_ARRAYS = frozenset(("delay", "starts", "root_starts"))
 """Arrays of a loop that hold whole numbers, all others being of doubles."""
 
 _NO_SHARED_NUMBERS = np.empty(0)
@@ -382,7 +382,8 @@ class BoundKernel:
         log: np.ndarray | None = None,
         horizon: np.ndarray | None = None,
         workspace: np.ndarray | None = None,
-        root: np.ndarray | None = None,
+        root: RowTable | None = None,
+        root_starts: np.ndarray | None = None,
     ) -> None:
         """Check all arrays and counts, and bind the loop to them.
 
@@ -412,7 +413,9 @@ class BoundKernel:
             workspace: Path and memory of optimisations for several lanes, of which each call of
                 `run_groups` has a copy; for one lane they stand in the memory of the controller.
             root: Motion of the base, a row for each half physics step from the control instant 0
-                on, the same for all lanes, see `BufferLayout.root`; None for a base at rest.
+                on, see `BufferLayout.root`; None for a base at rest.
+            root_starts: First row of each lane's part of it, whole numbers; None where all lanes
+                stand on one base.
 
         Raises:
             Misshapen: If an array is missing, or has another type or shape.
@@ -458,6 +461,7 @@ class BoundKernel:
             "delay": delay,
             "horizon": horizon,
             "starts": starts,
+            "root_starts": root_starts,
         }
         shapes = self._memory_shapes(code, log_interval, reading_count)
         self._bind_workspace(options)
@@ -471,7 +475,7 @@ class BoundKernel:
             _check_delays(delay, reading_count)
         self._bind_tables(code, tables, starts)
         if options.base:
-            self._bind_root(root)
+            self._bind_root(root, root_starts if options.base_by_lane else None)
 
     def _memory_shapes(
         self, code: Kernel, log_interval: int, reading_count: int
@@ -500,6 +504,7 @@ class BoundKernel:
             "delay": (1 if options.delayed else 0, lanes),
             "horizon": (horizon,),
             "starts": (0 if all(options.shared) else len(options.shared), lanes),
+            "root_starts": (1 if options.base_by_lane else 0, lanes),
         }
 
     def _bind_workspace(self, options: KernelOptions) -> None:
@@ -568,8 +573,12 @@ class BoundKernel:
         # Limits of the integrals in a gain table may be infinite.
         _check_finite(f"rows of {name}", table.rows, allow_infinite=name == "gain_table")
 
-    def _bind_root(self, root: np.ndarray | None) -> None:
+    def _bind_root(self, root: RowTable | None, starts: np.ndarray | None) -> None:
         """Bind the motion of the base after checking that there is a row for each half step.
+
+        Args:
+            root: The motion.
+            starts: First row of each lane's part; None where all lanes stand on one base.
 
         Raises:
             Misshapen: If there are too few rows, or no array of contiguous doubles.
@@ -578,13 +587,10 @@ class BoundKernel:
         # The steps after the last instant belong to the run, unless it is the end.
         periods = min(self._last, self._end)
         count = SAMPLES_PER_STEP * self._steps * periods + 1
-        given = 0 if root is None else len(root)
+        given = 0 if root is None else root.length
         if root is None or given < count:
             raise Misshapen("rows of the base", f"{given} rows", f"{count} rows or more")
-        address = _address("rows of the base", root, (given, ROOT_NUMBERS))
-        self._arrays["root"] = _BoundArray(root, address, 0, False)
-        self._call[SLOTS["root_rows"]] = given
-        _check_finite("rows of the base", root)
+        self._bind_table("root", root, ROOT_NUMBERS, starts)
 
     def __reduce__(self) -> NoReturn:
         """Refuse to be copied."""

@@ -82,6 +82,7 @@ class KernelOptions:
             holds velocities of the air instead, and the code computes the forces; this needs the
             ledger. Empty without wind.
         base: Whether the base on which the cranes stand moves.
+        base_by_lane: Whether each lane has a base of its own.
     """
 
     lanes: int
@@ -104,6 +105,7 @@ class KernelOptions:
     areas: tuple[float, ...] = ()
     controller_states: int = 0
     base: bool = False
+    base_by_lane: bool = False
 
 
 class KernelSource(NamedTuple):
@@ -581,9 +583,15 @@ class _Loop:
         steps = build.add(build.mul(instant, self.call_values["period_steps"]), step)
         row = code.plus(code.product(steps, SAMPLES_PER_STEP), sample)
         last = build.sub(self.call_values["root_rows"], code.integer(1))
-        first_number = code.product(code.least(row, last), ROOT_NUMBERS)
-        address = code.address(self.call_values["root"], first_number)
-        numbers = [code.gather([address], i) for i in range(ROOT_NUMBERS)]
+        row_of_part = code.least(row, last)
+        rows = [row_of_part]
+        if self.options.base_by_lane:
+            starts = self.call_values["root_starts"]
+            begins = [code.load_one(starts, lane, INTEGER) for lane in range(code.lanes)]
+            rows = [build.add(begin, row_of_part) for begin in begins]
+        table = self.call_values["root"]
+        addresses = [code.address(table, code.product(row, ROOT_NUMBERS)) for row in rows]
+        numbers = [code.gather(addresses, i) for i in range(ROOT_NUMBERS)]
         return RootMotion.of(array(numbers))
 
     def _rotate_angles(self, q: np.ndarray, end: Callable[[ir.Value], None]) -> None:

@@ -253,7 +253,8 @@ SLOT_TYPES = {
     "gain_table": POINTER,
     "setpoint_table": POINTER,
     "force": POINTER,  # table of external forces
-    "root": POINTER,  # table of the motion of the base, the same for all lanes
+    "root": POINTER,  # table of the motion of the base
+    "root_starts": POINTER,  # first row of each lane's part of it
     "starts": POINTER,  # first row of each lane's part of each table
     "delay": POINTER,  # delay of the sensors of each lane [control periods]
     "readings": POINTER,  # ring of the readings of delayed sensors
@@ -266,7 +267,7 @@ SLOT_TYPES = {
     "setpoint_table_rows": INTEGER,
     "force_rows": INTEGER,
     "offset_rows": INTEGER,
-    "root_rows": INTEGER,
+    "root_rows": INTEGER,  # rows of the part of a lane
     "reading_count": INTEGER,  # readings stored for delayed sensors
     "first": INTEGER,  # first control instant
     "last": INTEGER,  # control instant after the last

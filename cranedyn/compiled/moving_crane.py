@@ -252,7 +252,7 @@ class CompiledCrane:
             state=memory.reshape(1, -1, 1),
             log=rows.reshape(1, -1, 1),
             horizon=horizon,
-            root=root,
+            root=None if root is None else single_table(root),
         )
 
     def read_state(self) -> State:

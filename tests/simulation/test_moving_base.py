@@ -17,7 +17,7 @@ from scipy.special import mathieu_a, mathieu_b
 from cranedyn.controllers import hold_controller
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.disturbances.base_motion import BaseCoordinates, BaseMotion
-from cranedyn.disturbances.wind import steady, wind
+from cranedyn.disturbances.wind import constant_force, steady, wind
 from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.drives import EffortDrives, ExternalForces
 from cranedyn.dynamics.equations_of_motion import point_positions
@@ -541,6 +541,25 @@ def test_many_cranes_on_one_base_move_as_each_alone() -> None:
 
         alone = simulate(one, held[row], disturbance=push, **how)
         assert_allclose(batch.q[row], alone.q, rtol=0.0, atol=1e-11)
+
+
+def test_each_crane_of_a_batch_may_stand_on_a_base_of_its_own() -> None:
+    from cranedyn.compiled.batch import simulate_batch
+
+    one = crane()
+    held = hold_controller(one)
+    start = one.state(x=12.0, l=10.0)
+    bases = [SEA, BaseMotion.sines(heave=(0.3, 5.0), pitch=(0.05, 6.0)), SEA]
+    force = np.array([[500.0, -300.0, 100.0, 50.0, 0.0, 0.0]])
+    how: dict[str, Any] = dict(start=start, duration=0.5)
+    batch = simulate_batch(one, held, base=bases, record=1, force=force, **how)
+    push = constant_force(one, payload=force[0, :3], trolley=force[0, 3:])
+    for row, base in enumerate(bases):
+        alone = simulate(one, held, disturbance=push, base=base, **how)
+        assert_allclose(batch.q[row], alone.q, rtol=0.0, atol=1e-11)
+    assert np.abs(batch.q[0] - batch.q[1]).max() > 1e-4
+    with pytest.raises(OutOfRange, match="number of bases is 2"):
+        simulate_batch([one] * 3, held, base=bases[:2], **how)
 
 
 # --- errors ---------------------------------------------------------------------------------------
