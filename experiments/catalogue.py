@@ -192,6 +192,11 @@ EXPERIMENTS = {
         "Lift-off from the ground and set-down: rope, swing, ground.",
         figures={"lift_off": "Tension over weight at lift-off by speed: φ2 and simulation."},
     ),
+    "ship": Entry(
+        "A crane on a ship",
+        "A base that moves: resonance, heave compensation, swing control.",
+        figures={"heave": "Height of the load on a base that heaves, by hoist."},
+    ),
     "site": Entry(
         "Several cranes on a site",
         "Overlapping cranes: contacts and time lost, supervised or not.",
@@ -241,6 +246,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "validate": "40 s",
         "mass_ratio": "20 s",
         "linear_vs_full": "25 s",
+        "ship": "30 s",
         "cranes": "1 min",
     },
     "Control": {

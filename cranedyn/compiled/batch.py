@@ -30,6 +30,7 @@ from cranedyn.compiled.plant.plant import Topology
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.threads import WARP
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.contact import Contacts, Ground, anchors_at
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
@@ -143,6 +144,7 @@ def simulate_batch(
     device: Device = "cpu",
     ground: Ground | None = None,
     precision: Precision = "double",
+    base: BaseMotion | Sequence[BaseMotion] | None = None,
 ) -> Batch:
     """Run many cranes at once by compiled code, each as `simulate` with validity = mark does.
 
@@ -185,6 +187,10 @@ def simulate_batch(
         precision: "double", or "single" for about half the time: positions and swings then differ
             by some 1e-5 of their size after a minute, see docs/howto/batch.md. It is for motions on
             a processor without ground, buffers, predictive controllers and ropes that may go slack.
+        base: Motion of the base on which all cranes stand, or n motions, see `simulate`; None for
+            cranes that stand in the world. Recorded energies are then those that a standing crane
+            would have with the same coordinates and rates, and a force has a row for each control
+            instant.
 
     Raises:
         OutOfRange: If numbers of cranes differ, an array has another shape or a number that is not
@@ -195,9 +201,9 @@ def simulate_batch(
     """
     clock = clocks(duration, dt, control_period)
     _check_choices(drive, device, precision)
-    _check_together(device, threads, drive, buffers, force, force_interval)
-    check_rule(integrator)
     number("time at the start", t_start, "s", "-1e9 to 1e9")
+    _check_together(device, threads, drive, buffers, force, force_interval, base)
+    check_rule(integrator)
     residual_instant = _instant(residual_from, t_start, clock)
     log_interval = min(whole("record", record, 0), clock.periods + 1)
     log_rows = clock.periods // log_interval + 1 if log_interval else 0
@@ -210,7 +216,12 @@ def simulate_batch(
     if start is None:
         start = crane.start if isinstance(crane, Crane | Cranes) else [one.start for one in crane]
     cranes = inputs.crane_count(
-        crane=crane, controller=controller, reference=reference, start=start, converter=converters
+        crane=crane,
+        controller=controller,
+        reference=reference,
+        start=start,
+        converter=converters,
+        base=base,
     )
     models = _models(crane, cranes, drive, converters, clock, ground)
     sizes = models.sizes
@@ -222,25 +233,18 @@ def simulate_batch(
     times = read_only(t_start + control_period * np.arange(clock.periods + 1))
 
     # Tables of what acts and what is commanded at each control instant.
+    root = inputs.root_table(base, cranes, models.distinct, t_start, clock, used)
+    used += 0 if root is None else root.rows.size
+    # From here on, forces are in the axes of the base.
+    force = inputs.force_in_base_axes(force, base, cranes, times)
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
     control = inputs.control_tables(models.distinct[0], controller, reference, state, times, used)
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     predictive = control.predictive
-    if on_gpu and (predictive is not None or models.contacts is not None):
-        allowed = "cpu where the controller is a predictive one or the load may touch the ground"
-        raise OutOfRange("device", device, allowed)
-
-    check_precision(
-        precision,
-        Topology.of(models.distinct[0]),
-        {
-            "the device cuda": on_gpu,
-            "a ground": models.contacts is not None,
-            "buffers": buffers,
-            "a predictive controller": predictive is not None,
-        },
+    _check_device_and_precision(
+        device, precision, models, predictive, buffers=buffers, moves=base is not None
     )
 
     # The code, one for all cranes.
@@ -262,6 +266,8 @@ def simulate_batch(
         threads=on_gpu,
         contacts=models.contacts,
         controller_states=control.states.shape[1],
+        base=base is not None,
+        base_by_lane=root is not None and not root.shared,
     )
     compiled = _compile(models, options, cranes)
     # The varied numbers of the cranes stand in rows and, arranged in lanes, for the code.
@@ -300,6 +306,8 @@ def simulate_batch(
         log=memory.log,
         horizon=memory.horizon,
         workspace=memory.workspace,
+        root=root,
+        root_starts=None if root is None else group_lanes([root.starts[:, None]], lanes, np.int64),
     )
     if on_gpu:
         cuda.run(loop, compiled.code, compiled.cranes, compiled.varied, models.response)
@@ -329,13 +337,16 @@ def _check_together(
     buffers: bool,
     force: np.ndarray | None,
     force_interval: int,
+    base: BaseMotion | Sequence[BaseMotion] | None,
 ) -> None:
-    """Check arguments of `simulate_batch` that must fit each other.
+    """Check arguments of `simulate_batch` that are choices, or must fit each other.
 
     Raises:
         OutOfRange: If they do not.
         CraneError: If the device is "cuda" and there is no GPU.
     """
+    check_choice("drive", drive, Drive)
+    check_choice("device", device, Device)
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")
@@ -344,6 +355,45 @@ def _check_together(
         raise OutOfRange("buffers", buffers, "False where the drives take no efforts")
     if force is None and force_interval != 1:
         raise OutOfRange("force_interval", force_interval, "1 where there is no force")
+    if base is not None and force_interval != 1:
+        # The base turns against a force in the world from one instant to the next.
+        raise OutOfRange("force_interval", force_interval, "1 on a base that moves")
+
+
+def _check_device_and_precision(
+    device: Device,
+    precision: Precision,
+    models: _Models,
+    predictive: Receding | None,
+    *,
+    buffers: bool,
+    moves: bool,
+) -> None:
+    """Check that a device in a precision can do what is asked for.
+
+    Args:
+        device: The device.
+        precision: The precision.
+        models: The cranes.
+        predictive: The predictive controller; None for another one.
+        buffers: Whether buffers end the ranges of the drives.
+        moves: Whether the base moves.
+
+    Raises:
+        OutOfRange: If it cannot.
+    """
+    on_gpu = device == "cuda"
+    if on_gpu and (predictive is not None or models.contacts is not None):
+        allowed = "cpu where the controller is a predictive one or the load may touch the ground"
+        raise OutOfRange("device", device, allowed)
+    excluded = {
+        "the device cuda": on_gpu,
+        "a ground": models.contacts is not None,
+        "buffers": buffers,
+        "a predictive controller": predictive is not None,
+        "a base that moves": moves,
+    }
+    check_precision(precision, Topology.of(models.distinct[0]), excluded)
 
 
 def _instant(t: float | None, t_start: float, clock: Clocks) -> int:

@@ -26,6 +26,7 @@ import numpy as np
 
 from cranedyn.checks import number, whole
 from cranedyn.compiled.memory_layout import ANGLE_REFRESH_STEPS, SLOTS, TABLES, size
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ _DOUBLES_PER_CACHE_LINE = 8
 _WRITTEN_ARRAYS = frozenset(("state", "readings", "summary", "log", "horizon"))
 """Arrays that the code of a loop writes to."""
 
-_INTEGER_ARRAYS = frozenset(("delay", "starts"))
+_INTEGER_ARRAYS = frozenset(("delay", "starts", "root_starts"))
 """Arrays of a loop that hold whole numbers, all others being of doubles."""
 
 _NO_SHARED_NUMBERS = np.empty(0)
@@ -335,14 +336,16 @@ class _Piece(NamedTuple):
     Attributes:
         first: First control instant.
         last: Control instant after the last.
-        steps: Physics steps from one of its instants to the next.
+        steps: Physics steps that follow each of its instants.
         resumed: Whether the control of the first instant has already run.
+        done: Physics steps of the first control period that earlier pieces have taken.
     """
 
     first: int
     last: int
     steps: int
     resumed: bool
+    done: int = 0
 
 
 _PIECE_SLOTS = [SLOTS[name] for name in _Piece._fields]
@@ -379,6 +382,8 @@ class BoundKernel:
         log: np.ndarray | None = None,
         horizon: np.ndarray | None = None,
         workspace: np.ndarray | None = None,
+        root: RowTable | None = None,
+        root_starts: np.ndarray | None = None,
     ) -> None:
         """Check all arrays and counts, and bind the loop to them.
 
@@ -407,6 +412,10 @@ class BoundKernel:
             horizon: Memory of a predictive controller, shape (groups, doubles).
             workspace: Path and memory of optimisations for several lanes, of which each call of
                 `run_groups` has a copy; for one lane they stand in the memory of the controller.
+            root: Motion of the base, a row for each half physics step from the control instant 0
+                on, see `BufferLayout.root`; None for a base at rest.
+            root_starts: First row of each lane's part of it, whole numbers; None where all lanes
+                stand on one base.
 
         Raises:
             Misshapen: If an array is missing, or has another type or shape.
@@ -432,6 +441,7 @@ class BoundKernel:
         # A slot has eight bytes, whatever it holds, see `memory_layout.SLOT_TYPES`.
         self._call = np.zeros(len(SLOTS), dtype=np.int64)
         self._call[SLOTS["end"]] = end
+        self._call[SLOTS["period_steps"]] = self._steps
         self._call[SLOTS["substeps"]] = substeps
         self._call[SLOTS["force_interval"]] = whole("force_interval", force_interval, 1)
         self._call[SLOTS["log_interval"]] = whole("log_interval", log_interval, 1)
@@ -451,6 +461,7 @@ class BoundKernel:
             "delay": delay,
             "horizon": horizon,
             "starts": starts,
+            "root_starts": root_starts,
         }
         shapes = self._memory_shapes(code, log_interval, reading_count)
         self._bind_workspace(options)
@@ -463,6 +474,8 @@ class BoundKernel:
         if delay is not None and options.delayed:
             _check_delays(delay, reading_count)
         self._bind_tables(code, tables, starts)
+        if options.base:
+            self._bind_root(root, root_starts if options.base_by_lane else None)
 
     def _memory_shapes(
         self, code: Kernel, log_interval: int, reading_count: int
@@ -491,6 +504,7 @@ class BoundKernel:
             "delay": (1 if options.delayed else 0, lanes),
             "horizon": (horizon,),
             "starts": (0 if all(options.shared) else len(options.shared), lanes),
+            "root_starts": (1 if options.base_by_lane else 0, lanes),
         }
 
     def _bind_workspace(self, options: KernelOptions) -> None:
@@ -559,6 +573,25 @@ class BoundKernel:
         # Limits of the integrals in a gain table may be infinite.
         _check_finite(f"rows of {name}", table.rows, allow_infinite=name == "gain_table")
 
+    def _bind_root(self, root: RowTable | None, starts: np.ndarray | None) -> None:
+        """Bind the motion of the base after checking that there is a row for each half step.
+
+        Args:
+            root: The motion.
+            starts: First row of each lane's part; None where all lanes stand on one base.
+
+        Raises:
+            Misshapen: If there are too few rows, or no array of contiguous doubles.
+            OutOfRange: If a number is not finite.
+        """
+        # The steps after the last instant belong to the run, unless it is the end.
+        periods = min(self._last, self._end)
+        count = SAMPLES_PER_STEP * self._steps * periods + 1
+        given = 0 if root is None else root.length
+        if root is None or given < count:
+            raise Misshapen("rows of the base", f"{given} rows", f"{count} rows or more")
+        self._bind_table("root", root, ROOT_NUMBERS, starts)
+
     def __reduce__(self) -> NoReturn:
         """Refuse to be copied."""
         _refuse_to_copy()
@@ -587,7 +620,7 @@ class BoundKernel:
             has_steps = instant < self._end
             for done in range(0, self._steps if has_steps else 1, steps_together):
                 count = min(steps_together, self._steps - done)
-                yield _Piece(instant, instant + 1, count, resumed=done > 0)
+                yield _Piece(instant, instant + 1, count, resumed=done > 0, done=done)
 
     def run_groups(self, groups: Iterable[int], stopped: Callable[[], bool] = _never) -> None:
         """Run some groups, one after another.

@@ -34,6 +34,10 @@ _MAX_BLOCK_LENGTH = 20_000
 _MAX_BLOCK_STEPS = 1_000_000
 """Largest number of physics steps in a block."""
 
+_MAX_BLOCK_STEPS_ON_BASE = 100_000
+"""Largest number of physics steps in a block where the base moves: its motion at each half step
+takes 144 bytes a step."""
+
 
 class _BlockOutcome(Enum):
     """What happened when a block was to be written."""
@@ -75,6 +79,9 @@ def run_blocks(
         # A subclass may compute other forces.
         if type(spec.disturbance) is not Wind or spec.disturbance.crane is not spec.crane:
             return
+        if spec.base is not None:
+            # The code knows no wind against the motion of a base.
+            return
         wind = spec.disturbance
     predictive = None
     if hasattr(controller, "programme"):
@@ -84,7 +91,8 @@ def run_blocks(
         if wind is not None or predictive.programme.drive != spec.drive:
             return
     blocks = _Blocks(moving, controller, reference, wind, predictive)
-    length = max(1, min(_MAX_BLOCK_LENGTH, _MAX_BLOCK_STEPS // spec.clocks.steps))
+    most_steps = _MAX_BLOCK_STEPS if spec.base is None else _MAX_BLOCK_STEPS_ON_BASE
+    length = max(1, min(_MAX_BLOCK_LENGTH, most_steps // spec.clocks.steps))
     first = 0
     while length > 0 and first < len(rows):
         block = rows[first : first + length]
@@ -131,7 +139,8 @@ class _Blocks:
                 shape.
         """
         moving = self._moving
-        tables = self._tabulate(times)
+        # Steps follow each instant of the block but the end of the run.
+        tables = self._tabulate(times, min(len(rows), end))
         horizon = None
         if self._predictive is not None:
             horizon = self._predictive.resume_memory(float(times[0]))
@@ -152,9 +161,13 @@ class _Blocks:
         moving.read_state()
         return _BlockOutcome.WRITTEN
 
-    def _tabulate(self, times: np.ndarray) -> _Tables | None:
-        """Return the affine form of the controller, the setpoints and the wind at the instants of a
-        block; None if one of them fails or lacks a number.
+    def _tabulate(self, times: np.ndarray, periods: int) -> _Tables | None:
+        """Return the affine form of the controller, the setpoints, the wind and the motion of the
+        base in a block; None if one of them fails or lacks a number.
+
+        Args:
+            times: Control instants of the block [s], shape (instants,).
+            periods: Number of control periods in it.
 
         Raises:
             Misshapen: If an array of the affine form or of the reference has another shape.
@@ -168,6 +181,9 @@ class _Blocks:
             if self._wind is not None:
                 areas = tuple(self._wind.areas.tolist())
                 air = self._velocity_of_air(self._wind, times)
+            root = None
+            if self._moving.base is not None:
+                root = self._moving.base.of_periods(self._moving.instant, periods)
             form: Affine | None
             if self._predictive is None:
                 form = affine_form(self._controller, times, setpoint, sizes.z)
@@ -180,7 +196,7 @@ class _Blocks:
             return None
         if form is None or form.not_finite_field():
             return None
-        return _Tables(form, setpoint, areas, air)
+        return _Tables(form, setpoint, areas, air, root)
 
     def _velocity_of_air(self, wind: Wind, times: np.ndarray) -> np.ndarray:
         """Return the velocity of the air at each point of the crane [m/s], shape (instants, 3
@@ -220,7 +236,9 @@ class _Blocks:
             programme, tables.areas, integral=integral, controller_states=len(states_before)
         )
         arrays = (gain_table(sizes, form), setpoint_table(sizes, form, len(rows)), tables.air)
-        loop = moving.loop(code, arrays, rows, end=end, horizon=horizon, memory=memory)
+        loop = moving.loop(
+            code, arrays, rows, end=end, horizon=horizon, memory=memory, root=tables.root
+        )
         loop.run_groups([0])
         crane_memory, states_after = np.split(memory, [len(moving.memory)])
         moving.memory[:] = crane_memory
@@ -229,6 +247,7 @@ class _Blocks:
             rows[:, : moving.sizes.m] = tables.setpoint
 
         if moving.memory[moving.places["diverged"]] == 0.0:
+            moving.instant += len(rows)
             return states_after
         moving.memory[:] = memory_before
         if horizon is not None:
@@ -245,12 +264,14 @@ class _Tables(NamedTuple):
         areas: Drag areas of the points [m²]; empty without wind.
         air: Velocity of the air at each point of the crane [m/s], shape (instants, 3 points);
             unused without wind.
+        root: Motion of the base at each half physics step; None for a base at rest.
     """
 
     form: Affine
     setpoint: np.ndarray
     areas: tuple[float, ...]
     air: np.ndarray
+    root: np.ndarray | None
 
 
 def _rows_before_divergence(moving: CompiledCrane, rows: np.ndarray) -> int:

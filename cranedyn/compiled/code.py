@@ -111,7 +111,9 @@ class Code(Instructions):
         self._forget_angles()
 
     @contextmanager
-    def fast_loop(self, first: ir.Value, last: ir.Value) -> Iterator[Callable[[ir.Value], None]]:
+    def fast_loop(
+        self, first: ir.Value, last: ir.Value
+    ) -> Iterator[tuple[ir.Value, Callable[[ir.Value], None]]]:
         """Emit statements for each whole number from the first to the one before the last, where
         some of them are needed in rare cases only.
 
@@ -130,8 +132,9 @@ class Code(Instructions):
         The rare statements run after the last number as well, so they must do no harm there.
 
         Yields:
-            A function that ends the usual statements. Its argument is whether the case is usual,
-            one truth value for all lanes. What is emitted after it are the rare statements.
+            The number, and a function that ends the usual statements. Its argument is whether the
+            case is usual, one truth value for all lanes. What is emitted after it are the rare
+            statements.
         """
         build = self.builder
         head = self.function.append_basic_block("head")
@@ -154,7 +157,7 @@ class Code(Instructions):
             build.cbranch(goes_on, body, rare)
             build.position_at_end(rare)
 
-        yield end
+        yield number, end
         entered_at.add_incoming(first, before)
         entered_at.add_incoming(next_number, build.block)
         number.add_incoming(entered_at, head)

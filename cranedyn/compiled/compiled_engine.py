@@ -72,6 +72,9 @@ def run(
                 # The setpoint is the first section of a row.
                 row[:drive_count] = setpoint.position
                 row[drive_count:] = moving.acting
+                if force is not None and spec.base is not None:
+                    # The code has them in the axes of the base.
+                    log.force[instant] = force.ravel()
                 log.extend_to(instant + 1)
                 for monitor in monitors:
                     monitor(instant, t, state_before)
@@ -113,9 +116,11 @@ def _share_memory(log: Log, moving: CompiledCrane) -> np.ndarray:
     log.cable_buffer_force = columns["cable_buffer_force"][:, 0]
     log.saturated = columns["saturated"][:, 0]
     log.valid = columns["valid"][:, 0]
-    log.ledger = EnergyLedger(
-        energy=columns["energy"][:, 0],
-        drive_work=columns["work"],
-        dissipated=columns["dissipated"][:, 0],
-    )
+    if log.spec.base is None:
+        # On a moving base the log computes the ledger, as the code knows no energy in the world.
+        log.ledger = EnergyLedger(
+            energy=columns["energy"][:, 0],
+            drive_work=columns["work"],
+            dissipated=columns["dissipated"][:, 0],
+        )
     return memory

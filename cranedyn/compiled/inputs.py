@@ -31,7 +31,9 @@ from cranedyn.compiled.plant.cranes import Cranes
 from cranedyn.compiled.plant.plant import Topology
 from cranedyn.controllers.affine import Affine, affine_form
 from cranedyn.controllers.hold import Hold
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import converters_of_run
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 from cranedyn.interfaces import Reference, State
 from cranedyn.model.crane import Crane
@@ -80,7 +82,9 @@ class ControlTables(NamedTuple):
     predictive: Receding | None
 
 
-def crane_count(*, crane: Any, controller: Any, reference: Any, start: Any, converter: Any) -> int:
+def crane_count(
+    *, crane: Any, controller: Any, reference: Any, start: Any, converter: Any, base: Any
+) -> int:
     """Return the number of cranes that arguments of a batch have in common, each of them one object
     for all cranes or a sequence with one for each.
 
@@ -93,6 +97,7 @@ def crane_count(*, crane: Any, controller: Any, reference: Any, start: Any, conv
         "reference": reference,
         "start": start,
         "converter": converter,
+        "base": base,
     }
     lengths = {}
     for name, value in arguments.items():
@@ -445,6 +450,80 @@ def force_table(force: Any, cranes: int, sizes: BufferLayout) -> RowTable:
         return RowTable(np.zeros((1, columns)), 1, np.zeros(cranes, dtype=np.int64))
     values = finite("force", force, ("m", columns), (cranes, "m", columns), unit="N")
     return _stacked("force", values, cranes, per_crane=values.ndim == 3)
+
+
+def force_in_base_axes(force: Any, base: Any, cranes: int, times: np.ndarray) -> Any:
+    """Return forces in the axes of bases that move, a row for each control instant, from those in
+    the world, as `force_table` takes them; those that are given if there are none, or no base. From
+    one instant to the next they are held in these axes.
+
+    Args:
+        force: The forces; beyond the end of their rows the last row applies.
+        base: Motion of the base, one for all cranes or one for each.
+        cranes: Number of cranes.
+        times: Control instants [s], shape (instants,).
+    """
+    if force is None or base is None:
+        return force
+    values = finite("force", force, ("m", "k"), ("n", "m", "k"), unit="N")
+    if values.shape[-1] % 3 or not values.size:
+        return force  # which `force_table` refuses
+    instants = len(times)
+    row_of_instant = np.minimum(np.arange(instants), values.shape[-2] - 1)
+    vectors = values[..., row_of_instant, :].reshape(*values.shape[:-2], instants, -1, 3)
+    index, motions = distinct_objects(base, cranes)
+    rotations = np.array([motion.frames(times).rotation for motion in motions])
+    if len(motions) == 1:
+        turned = np.einsum("kij,...kpi->...kpj", rotations[0], vectors)
+    else:
+        of_each = np.broadcast_to(vectors, (cranes, *vectors.shape[-3:]))
+        turned = np.einsum("ckij,ckpi->ckpj", rotations[index], of_each)
+    return turned.reshape(*turned.shape[:-3], instants, values.shape[-1])
+
+
+def root_table(
+    base: Any,
+    count: int,
+    cranes: Sequence[Crane] | Cranes,
+    t_start: float,
+    clock: Clocks,
+    used: int,
+) -> RowTable | None:
+    """Return the motion of the bases of all cranes, a row for each half physics step, see
+    `BufferLayout.root`; None for a base at rest, which is given as None.
+
+    Args:
+        base: Motion of the base, one for all cranes or one for each.
+        count: Number of cranes.
+        cranes: The distinct cranes.
+        t_start: Time at the start [s].
+        clock: How the run is divided.
+        used: Numbers of memory already used.
+
+    Raises:
+        OutOfRange: If one is no motion, or is not known for the whole run; if they do not fit into
+            4 GB; if the cranes have different gravity, which is part of what they feel.
+    """
+    if base is None:
+        return None
+    index, motions = distinct_objects(base, count)
+    gravity = cranes[0].model.gravity.linear.copy()
+    if not isinstance(cranes, Cranes):
+        for crane in cranes:
+            if not np.array_equal(crane.model.gravity.linear, gravity):
+                values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
+                raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
+    length = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
+    needed = used + _COPIES * len(motions) * length * ROOT_NUMBERS
+    check_fits_memory("physics steps on a base", str(length), needed)
+    times = t_start + clock.dt / SAMPLES_PER_STEP * np.arange(length)
+    rows = []
+    for motion in motions:
+        if not isinstance(motion, BaseMotion):
+            allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
+            raise OutOfRange("base", type(motion).__name__, allowed)
+        rows.append(motion.frames(times).root_numbers(gravity))
+    return RowTable(np.concatenate(rows), length, length * index)
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:

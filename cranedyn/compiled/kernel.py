@@ -46,6 +46,7 @@ from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_l
 from cranedyn.controllers.affine import ControllerStates, integrated_command, next_states
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.integrators import Integrator
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP, RootMotion
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import OutOfRange, quoted
 from cranedyn.simulation.loop_checks import DIVERGED
@@ -93,6 +94,8 @@ class KernelOptions:
         areas: Drag areas of the points of the crane [m²]. Where they are given, the table of forces
             holds velocities of the air instead, and the code computes the forces; this needs the
             ledger. Empty without wind.
+        base: Whether the base on which the cranes stand moves.
+        base_by_lane: Whether each lane has a base of its own.
     """
 
     lanes: int
@@ -115,6 +118,8 @@ class KernelOptions:
     areas: tuple[float, ...] = ()
     controller_states: int = 0
     single: bool = False
+    base: bool = False
+    base_by_lane: bool = False
 
 
 def check_precision(precision: Precision, topology: Topology, excluded: Mapping[str, bool]) -> None:
@@ -159,7 +164,12 @@ class KernelSource(NamedTuple):
         """Layout of the buffers."""
         options = self.options
         sizes = BufferLayout.of(self.topology.layout, options.delay_steps, options.contacts)
-        return replace(sizes, ledger=options.ledger, controller_states=options.controller_states)
+        return replace(
+            sizes,
+            ledger=options.ledger,
+            controller_states=options.controller_states,
+            base=options.base,
+        )
 
     @property
     def varied(self) -> int:
@@ -277,7 +287,11 @@ def _emit_accelerations(code: Code, source: KernelSource) -> None:
     command = array(query[columns["command"]])
     forces = array(query[columns["force"]])
     plant_forces = forces * units.force if source.options.forces else None
-    dynamics = crane.forward_dynamics(q, v, command * units.command, plant_forces)
+    root = None
+    if source.options.base:
+        # The unit of time is 1 s here.
+        root = RootMotion.of(array(query[columns["root"]]))
+    dynamics = crane.forward_dynamics(q, v, command * units.command, plant_forces, root=root)
     for i, acceleration in enumerate(dynamics.acceleration):
         code.store(acceleration, code.argument["accelerations"], i * code.stride)
     code.end()
@@ -513,14 +527,14 @@ class _Loop:
             with code.when(code.builder.not_(has_control_run)):
                 self._emit_control(instant, forces)
             with code.when(compare("<", instant, call["end"])):
-                self._emit_control_period(forces)
+                self._emit_control_period(instant, forces)
         self._store_variables("state", self.state)
         if self.options.summary:
             self._store_variables("summary", self.summary)
         code.end()
 
-    def _emit_control_period(self, forces: np.ndarray | None) -> None:
-        """Emit the steps of a control period.
+    def _emit_control_period(self, instant: ir.Value, forces: np.ndarray | None) -> None:
+        """Emit the steps of the control period that begins at an instant.
 
         Sines and cosines are updated step by step, each time with a rounding error. They are
         computed afresh every `KernelOptions.angle_refresh_steps` steps and at the end of the
@@ -530,7 +544,7 @@ class _Loop:
         steps = self.call_values["steps"]
         if self.options.threads:
             # Threads keep no sines and cosines, and step in SI units.
-            self._emit_steps(code.integer(0), steps, forces)
+            self._emit_steps(instant, code.integer(0), steps, forces)
             return
         together = self.options.angle_refresh_steps
         pieces = code.builder.sdiv(code.plus(steps, together - 1), code.integer(together))
@@ -538,15 +552,17 @@ class _Loop:
             first = code.product(piece, together)
             last = code.least(code.plus(first, together), steps)
             self._set("v", self._get("v") * self.units.time)
-            self._emit_steps(first, last, forces)
+            self._emit_steps(instant, first, last, forces)
             self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
             self._compute_angles(self._used_angles())
 
-    def _emit_steps(self, first: ir.Value, last: ir.Value, forces: np.ndarray | None) -> None:
-        """Emit steps from the first to the one before the last."""
+    def _emit_steps(
+        self, instant: ir.Value, first: ir.Value, last: ir.Value, forces: np.ndarray | None
+    ) -> None:
+        """Emit steps from the first to the one before the last, counted from a control instant."""
         code = self.code
         units = self.units
-        with code.fast_loop(first, last) as end:
+        with code.fast_loop(first, last) as (number, end):
             q_before = self._coordinates()
             works = self._get("contact_and_impact_work")
             v = self._get("v")
@@ -565,6 +581,7 @@ class _Loop:
                 dt=self.dt / units.time,
                 unit=units.work,
                 substeps=self.call_values["substeps"],
+                root=self._root_of_step(instant, number),
             )
             q, v, works, anchors = step.after(StepState(q_before, v, works, self._anchors()))
             if self.options.single:
@@ -600,6 +617,54 @@ class _Loop:
                 rounded_off.set((coordinate - start) - increment)
                 coordinates.append(coordinate)
         return array(coordinates)
+
+    def _root_of_step(self, instant: ir.Value, number: ir.Value) -> np.ndarray | None:
+        """Return the motion of the base at the beginning, in the middle and at the end of a physics
+        step, in the units of the steps, shape (3, 9); None for a base at rest.
+
+        Args:
+            instant: Control instant before the step.
+            number: Steps since this instant in this call.
+        """
+        if not self.options.base:
+            return None
+        code = self.code
+        step_of_period = code.builder.add(self.call_values["done"], number)
+        samples = []
+        for sample in range(SAMPLES_PER_STEP + 1):
+            motion = self._root(instant, step_of_period, sample).in_steps(self.units.time)
+            samples.append(np.concatenate(motion))
+        return np.array(samples)
+
+    def _root_at(self, instant: ir.Value) -> RootMotion | None:
+        """Return the motion of the base at a control instant; None for a base at rest."""
+        if not self.options.base:
+            return None
+        return self._root(instant, self.code.integer(0), 0)
+
+    def _root(self, instant: ir.Value, step: ir.Value, sample: int) -> RootMotion:
+        """Return a sample of the motion of the base in SI units.
+
+        Args:
+            instant: Control instant before it.
+            step: Physics steps since this instant.
+            sample: Half steps since this step.
+        """
+        code = self.code
+        build = code.builder
+        steps = build.add(build.mul(instant, self.call_values["period_steps"]), step)
+        row = code.plus(code.product(steps, SAMPLES_PER_STEP), sample)
+        last = build.sub(self.call_values["root_rows"], code.integer(1))
+        row_of_part = code.least(row, last)
+        rows = [row_of_part]
+        if self.options.base_by_lane:
+            starts = self.call_values["root_starts"]
+            begins = [code.load_one(starts, lane, INTEGER) for lane in range(code.lanes)]
+            rows = [build.add(begin, row_of_part) for begin in begins]
+        table = self.call_values["root"]
+        addresses = [code.address(table, code.product(row, ROOT_NUMBERS)) for row in rows]
+        numbers = [code.gather(addresses, i) for i in range(ROOT_NUMBERS)]
+        return RootMotion.of(array(numbers))
 
     def _rotate_angles(self, q: np.ndarray, end: Callable[[ir.Value], None]) -> None:
         """Update sines and cosines after a step to coordinates, and end the loop over steps.
@@ -758,13 +823,16 @@ class _Loop:
 
         See `_instant_values` for the arguments; `reactions` are the forces of the ground.
         """
+        root = self._root_at(instant)
         before = followed_before
         if self.options.log:
             forces_before = self._forces_before(instant)
             reference = self._get("reference")
-            before = self.plant.forward_dynamics(q, v, reference, forces_before, reactions).effort
+            before = self.plant.forward_dynamics(
+                q, v, reference, forces_before, reactions, root
+            ).effort
         next_reference = array(self._next_reference(followed, v)[0])
-        dynamics = self.plant.forward_dynamics(q, v, next_reference, forces, reactions)
+        dynamics = self.plant.forward_dynamics(q, v, next_reference, forces, reactions, root)
         return _Efforts(dynamics.needed, dynamics.effort, before)
 
     def _efforts_of_motion(
@@ -782,8 +850,11 @@ class _Loop:
         See `_instant_values` for the arguments; `reactions` are the forces of the ground.
         """
         forces_before = self._forces_before(instant)
-        before = self.plant.forward_dynamics(q, v, followed_before, forces_before, reactions).effort
-        after = self.plant.forward_dynamics(q, v, requested, forces, reactions).effort
+        root = self._root_at(instant)
+        before = self.plant.forward_dynamics(
+            q, v, followed_before, forces_before, reactions, root
+        ).effort
+        after = self.plant.forward_dynamics(q, v, requested, forces, reactions, root).effort
         return _Efforts(after, after, before)
 
     def _next_reference(self, followed: np.ndarray, v: np.ndarray) -> tuple[list[Any], list[Any]]:

@@ -14,6 +14,7 @@ from functools import cached_property
 
 from cranedyn.compiled.code import DOUBLE, INTEGER, POINTER
 from cranedyn.dynamics.contact import Contacts
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS
 from cranedyn.model.layout import Layout
 
 Sections = dict[str, int]
@@ -34,6 +35,7 @@ class BufferLayout:
         ledger: Whether rows of the log are those of `simulate`, with its energy ledger.
         controller_states: Number of states of the controller, see
             `cranedyn.controllers.affine.ControllerStates`.
+        base: Whether the base moves.
     """
 
     n: int
@@ -43,6 +45,7 @@ class BufferLayout:
     touching: int = 0
     ledger: bool = False
     controller_states: int = 0
+    base: bool = False
 
     @classmethod
     def of(
@@ -139,6 +142,11 @@ class BufferLayout:
         return {"force": 3 * self.points}
 
     @cached_property
+    def root(self) -> Sections:
+        """Row of the motion of the base, of which there are two in each physics step."""
+        return {"root": ROOT_NUMBERS}
+
+    @cached_property
     def offset(self) -> Sections:
         """Row of offsets that sensors add to coordinates and rates."""
         return {"reading": self.z}
@@ -176,10 +184,13 @@ class BufferLayout:
 
     @cached_property
     def query(self) -> Sections:
-        """Arguments of the function for accelerations: coordinates, rates, a command, and external
-        forces.
+        """Arguments of the function for accelerations: coordinates, rates, a command, external
+        forces and, if the base moves, its motion.
         """
-        return {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
+        sections = {"q": self.n, "v": self.n, "command": self.m, "force": 3 * self.points}
+        if self.base:
+            sections["root"] = ROOT_NUMBERS
+        return sections
 
 
 def row_sections(n: int, m: int, points: int) -> Sections:
@@ -242,6 +253,8 @@ SLOT_TYPES = {
     "gain_table": POINTER,
     "setpoint_table": POINTER,
     "force": POINTER,  # table of external forces
+    "root": POINTER,  # table of the motion of the base
+    "root_starts": POINTER,  # first row of each lane's part of it
     "starts": POINTER,  # first row of each lane's part of each table
     "delay": POINTER,  # delay of the sensors of each lane [control periods]
     "readings": POINTER,  # ring of the readings of delayed sensors
@@ -254,15 +267,18 @@ SLOT_TYPES = {
     "setpoint_table_rows": INTEGER,
     "force_rows": INTEGER,
     "offset_rows": INTEGER,
+    "root_rows": INTEGER,  # rows of the part of a lane
     "reading_count": INTEGER,  # readings stored for delayed sensors
     "first": INTEGER,  # first control instant
     "last": INTEGER,  # control instant after the last
     "end": INTEGER,  # control instant that no steps follow
-    "steps": INTEGER,  # physics steps from one control instant to the next
+    "steps": INTEGER,  # physics steps that follow each control instant in this call
     "substeps": INTEGER,  # substeps of a step in which buffers or the ground act
     "force_interval": INTEGER,  # control instants from one row of the forces to the next
     "log_interval": INTEGER,  # control instants from one row of the log to the next
     "residual_from": INTEGER,  # control instant from which swing counts as residual
+    "period_steps": INTEGER,  # physics steps of a whole control period
+    "done": INTEGER,  # physics steps of the first control period that earlier calls have taken
     "resumed": INTEGER,  # 1 if the control of the first instant has already run, else 0
     # Times.
     "dt": DOUBLE,  # physics step [s]

@@ -16,7 +16,9 @@ from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.verify import crane_kernel
 from cranedyn.dynamics.contact import anchors_at
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.interfaces import State
+from cranedyn.simulation.base_samples import BaseSamples
 from cranedyn.simulation.log import Actuation
 from cranedyn.simulation.run_spec import RunSpec
 
@@ -39,6 +41,8 @@ class CompiledCrane:
         force: External forces before and from the last control instant on [N], shape (2, 3
             points).
         state: State of the crane.
+        instant: Control instants that have passed since the start.
+        base: What the crane feels of a base that moves; None for a base at rest.
         acting: Row of the log of the last control instant, but for the setpoint, see
             `cranedyn.compiled.memory_layout.row_sections`. It changes with the next step.
     """
@@ -62,6 +66,10 @@ class CompiledCrane:
         self.force = np.zeros((2, size(self.sizes.force)))
         # Code bound to the memory: for a control period, and for its first instant alone.
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
+        self.base = None if spec.base is None else BaseSamples(spec)
+        # The code runs the second of two instants, see `prepare`; no number of the period before is
+        # read.
+        self._root = np.zeros((2 * SAMPLES_PER_STEP * spec.clocks.steps + 1, ROOT_NUMBERS))
         self._create_views()
         self.reset(spec.start)
 
@@ -83,6 +91,8 @@ class CompiledCrane:
         """Return to a state, without command, force or work; compiled code is kept."""
         spec = self.spec
         self.state = start
+        self.instant = 0
+        self._force_in_world: np.ndarray | None = None
         self.memory[:] = 0.0
         self.force[:] = 0.0
         self._position[:] = start.q
@@ -103,20 +113,31 @@ class CompiledCrane:
         """
         period, _ = self.prepare()
         self._set(command, force)
+        if self.base is not None:
+            first_row = SAMPLES_PER_STEP * self.spec.clocks.steps
+            self._root[first_row:] = self.base.of_period(self.instant)
         period()
+        self.instant += 1
         return self.read_state()
 
     def hold(self, command: np.ndarray, force: np.ndarray | None) -> None:
         """Hold a command and external forces, and compute what acts, without moving on."""
         _, instant = self.prepare()
         self._set(command, force)
+        if self.base is not None:
+            first_row = SAMPLES_PER_STEP * self.spec.clocks.steps
+            self._root[first_row] = self.base.of_instant(self.instant)
         instant()
 
     def _set(self, command: np.ndarray, force: np.ndarray | None) -> None:
         """Write a command and external forces into the memory that the code reads."""
         self._command[...] = command
         if self.spec.has_forces:
+            self._force_in_world = np.zeros(self.sizes.points * 3) if force is None else force
             self.force[0] = self.force[1]
+            if force is not None and self.base is not None:
+                # The code computes in the axes of the base, in which it holds the force.
+                force = force @ self.base.rotation(self.instant)
             self.force[1] = 0.0 if force is None else force.ravel()
 
     @property
@@ -129,7 +150,7 @@ class CompiledCrane:
             rows["needed"],
             rows["effort"],
             rows["effort_before"],
-            rows["force"] if self.spec.has_forces else None,
+            self._force_in_world,
             contact_work=float(rows["contact_work"][0]),
             impact_work=float(rows["impact_work"][0]),
             cable_buffer_force=float(rows["cable_buffer_force"][0]),
@@ -148,7 +169,7 @@ class CompiledCrane:
             self.acting = rows[1, self.sizes.m :]
             self._acting_sections = {name: rows[1, place] for name, place in sections.items()}
             # The row of the instant before is the first of the two.
-            loop = self.loop(self.code(), tables, rows, first=1, end=2)
+            loop = self.loop(self.code(), tables, rows, first=1, end=2, root=self._root)
             self._calls = loop.bind_calls()
         return self._calls
 
@@ -184,6 +205,7 @@ class CompiledCrane:
             ledger=True,
             areas=areas,
             controller_states=controller_states,
+            base=spec.base is not None,
         )
         response = None
         if spec.converters is not None:
@@ -202,6 +224,7 @@ class CompiledCrane:
         first: int = 0,
         horizon: np.ndarray | None = None,
         memory: np.ndarray | None = None,
+        root: np.ndarray | None = None,
     ) -> BoundKernel:
         """Return code bound to the memory of this crane.
 
@@ -214,6 +237,7 @@ class CompiledCrane:
             horizon: Memory of a predictive controller that the code computes; None for none.
             memory: Memory of the crane and of the states of its controller behind it; None for that
                 of this crane alone, under a controller without states.
+            root: Motion of the base, see `BoundKernel`; None for a base at rest.
         """
         if memory is None:
             memory = self.memory
@@ -228,6 +252,7 @@ class CompiledCrane:
             state=memory.reshape(1, -1, 1),
             log=rows.reshape(1, -1, 1),
             horizon=horizon,
+            root=None if root is None else single_table(root),
         )
 
     def read_state(self) -> State:

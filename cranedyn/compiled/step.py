@@ -24,6 +24,7 @@ from cranedyn.compiled.code import Code, StackVariable, Value
 from cranedyn.compiled.plant.plant import Plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.root_motion import RootMotion, interpolated_root
 from cranedyn.dynamics.scalars import array, is_zero
 from cranedyn.errors import OutOfRange
 
@@ -172,6 +173,12 @@ class Step:
         substeps: Number of semi-implicit substeps that replace the step where the load touches the
             ground, or buffers act and the rule needs a smooth motion.
         reactions: Forces of the ground, which are constant during a substep.
+        root: Motion of the base at the beginning, in the middle and at the end of the physics step,
+            in the units of the plant, shape (3, 9), see
+            `cranedyn.dynamics.root_motion.interpolated_root`; None for a base at rest.
+        phase: Share of the physics step that has elapsed where this step begins: 0, but for a part
+            of a physics step.
+        span: Share of the physics step that this step takes.
     """
 
     integrator: Integrator
@@ -182,6 +189,9 @@ class Step:
     unit: Any
     substeps: Any
     reactions: Sequence[ExternalForce] = ()
+    root: np.ndarray | None = None
+    phase: Any = 0.0
+    span: Any = 1.0
 
     def after(self, state: StepState) -> StepState:
         """Return the state after the step."""
@@ -209,34 +219,95 @@ class Step:
             taut: Whether the rope is taut all the time; None leaves that to the state.
         """
         plant = self._with_rope(taut)
-        dt = self.dt
-        pulls = []
+        q, v, works, anchors = state
+        pulls: list[Any] = []
+        if self.root is None:
+            q_after, v_after = self._at_rest(plant, q, v, pulls)
+        else:
+            q_after, v_after = self._on_base(plant, q, v, pulls)
+        if plant.buffers:
+            # Force at the start of the step times the mean of the rates before and after it.
+            done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
+            works = works + array([0.5 * self.dt * self.unit * done, 0.0])
+        return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
+
+    def _at_rest(
+        self, plant: Plant, q: np.ndarray, v: np.ndarray, pulls: list[Any]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and rates after the step on a base at rest.
+
+        Args:
+            plant: The crane, with its rope in a phase.
+            q: Coordinates before the step, shape (n,).
+            v: Rates before the step, shape (n,).
+            pulls: To which the pull of the rope at each stage of the rule is added.
+        """
 
         def acceleration(q: np.ndarray, v: np.ndarray) -> np.ndarray:
             dynamics = plant.forward_dynamics(q, v, self.command, self.forces, self.reactions)
             pulls.append(dynamics.pull)
             return dynamics.acceleration
 
-        def add_acceleration(v: np.ndarray, a: np.ndarray) -> np.ndarray:
-            return v + a * dt
+        return self.integrator.rule(acceleration, self._add_acceleration, self._add_rate, q, v, 1)
 
-        def add_rate(q: np.ndarray, v: np.ndarray) -> np.ndarray:
-            moved = []
-            for coordinate, increment in zip(q, v * dt, strict=True):
-                if is_zero(coordinate):
-                    moved.append(increment)
-                else:
-                    # Records the sum, so that sines and cosines are rotated by the increment.
-                    moved.append(coordinate.code.advanced(coordinate, increment))
-            return array(moved)
+    def _on_base(
+        self, plant: Plant, q: np.ndarray, v: np.ndarray, pulls: list[Any]
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return coordinates and rates after the step on a base that moves, see `_at_rest`.
 
-        q, v, works, anchors = state
-        q_after, v_after = self.integrator.rule(acceleration, add_acceleration, add_rate, q, v, 1)
-        if plant.buffers:
-            # Force at the start of the step times the mean of the rates before and after it.
-            done = plant.stops.effort(q, v) @ (v + v_after)[plant.stops.drives]
-            works = works + array([0.5 * dt * self.unit * done, 0.0])
-        return _RuleStep(StepState(q_after, v_after, works, anchors), pulls)
+        A rule knows no time. The elapsed share of the physics step is therefore one more
+        coordinate, whose rate is 1, and the rule itself carries it to its stages.
+        """
+
+        def acceleration(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+            dynamics = plant.forward_dynamics(
+                q_and_phase[:-1],
+                v_and_one[:-1],
+                self.command,
+                self.forces,
+                self.reactions,
+                self._root_at(q_and_phase[-1]),
+            )
+            pulls.append(dynamics.pull)
+            return array([*dynamics.acceleration, 0.0])
+
+        def add_acceleration(v_and_one: np.ndarray, a_and_zero: np.ndarray) -> np.ndarray:
+            # No acceleration changes the rate of time.
+            rates = self._add_acceleration(v_and_one[:-1], a_and_zero[:-1])
+            return array([*rates, v_and_one[-1]])
+
+        def add_rate(q_and_phase: np.ndarray, v_and_one: np.ndarray) -> np.ndarray:
+            phase = q_and_phase[-1] + v_and_one[-1] * self.span
+            return array([*self._add_rate(q_and_phase[:-1], v_and_one[:-1]), phase])
+
+        q_after, v_after = self.integrator.rule(
+            acceleration,
+            add_acceleration,
+            add_rate,
+            array([*q, self.phase]),
+            array([*v, 1.0]),
+            1,
+        )
+        return q_after[:-1], v_after[:-1]
+
+    def _add_acceleration(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+        """Return rates after the step under accelerations."""
+        return v + a * self.dt
+
+    def _add_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return coordinates after the step at rates."""
+        moved = []
+        for coordinate, increment in zip(q, v * self.dt, strict=True):
+            if is_zero(coordinate):
+                moved.append(increment)
+            else:
+                # Records the sum, so that sines and cosines are rotated by the increment.
+                moved.append(coordinate.code.advanced(coordinate, increment))
+        return array(moved)
+
+    def _root_at(self, phase: Any) -> RootMotion | None:
+        """Return the motion of the base where a share of the physics step has elapsed."""
+        return None if self.root is None else interpolated_root(self.root, phase)
 
     def _with_rope(self, taut: Any) -> Plant:
         """Return the crane whose rope is in a phase; None leaves the phase to its state."""
@@ -259,7 +330,10 @@ class Step:
             small_dt = self.dt / code.from_integer(self.substeps)
             substep = replace(self, integrator=semi_implicit_euler, dt=small_dt)
             state = code.variables(before.numbers)
-            with code.loop(0, self.substeps):
+            with code.loop(0, self.substeps) as number:
+                if self.root is not None:
+                    share = 1.0 / code.from_integer(self.substeps)
+                    substep = replace(substep, phase=code.from_integer(number) * share, span=share)
                 after = substep._on_ground(before.of(state))
                 for variable, value in zip(state, after.numbers, strict=True):
                     variable.set(value)
@@ -400,6 +474,10 @@ class Step:
             is_taut = phase.get() > 0.5
             bracketed = high.get() > 0.0
             piece = replace(self, dt=trying)
+            if self.root is not None:
+                elapsed = (self.dt - left) / self.dt * self.span
+                share = trying / self.dt * self.span
+                piece = replace(piece, phase=self.phase + elapsed, span=share)
             trial = piece._trial(before.of(state), is_taut)
             margin = trial.end_margin
 
@@ -487,7 +565,12 @@ class Step:
         if rope.inextensible:
             plant = self._with_rope(taut)
             end_pull = plant.forward_dynamics(
-                trial.q, trial.v, self.command, self.forces, self.reactions
+                trial.q,
+                trial.v,
+                self.command,
+                self.forces,
+                self.reactions,
+                self._root_at(self.phase + self.span),
             ).pull
             phase_lasts = code.both(taut, *(pull > 0.0 for pull in pulls))
         start_margin = code.call("llvm.maxnum", margin(pulls[0], start), 0.0)

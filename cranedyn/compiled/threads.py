@@ -32,7 +32,16 @@ RUN_THREAD = "run_thread"
 ACCELERATE_THREAD = "accelerate_thread"
 """Name of the function that computes the accelerations of one thread."""
 
-GROUP_POINTERS = ("state", "numbers", "starts", "delay", "readings", "log", "summary")
+GROUP_POINTERS = (
+    "state",
+    "numbers",
+    "starts",
+    "root_starts",
+    "delay",
+    "readings",
+    "log",
+    "summary",
+)
 """Slots of a call whose addresses differ between groups, and between the lanes of a group."""
 
 _INT32 = ir.IntType(32)

@@ -31,6 +31,7 @@ from cranedyn.dynamics.drives import (
     VelocityDrives,
 )
 from cranedyn.dynamics.equations_of_motion import inverse_dynamics
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS, RootMotion
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -161,20 +162,26 @@ def _verify_crane(
     """Compare accelerations of a crane with Pinocchio's at random states, see `verify_cranes`."""
     options = code.source.options
     rng = random.Random(0)
-    external = ExternalForces(crane, buffers=False) if options.forces else None
+    external = None
+    if options.forces or options.base:
+        external = ExternalForces(crane, buffers=False, moving_base=options.base)
     drives = _drives(crane, options.drive, external, converters)
     rope = crane.springs.rope
     lane_numbers = np.repeat(varied[:, None], options.lanes, axis=1)
     for k in range(_CHECKED_STATES):
         # An inextensible rope is taut in every other state.
         state, force = _random_state(crane, rng, taut=k % 2 == 0)
-        if external is not None:
+        if external is not None and options.forces:
             external.force = force.reshape(-1, 3)
+        root = np.zeros(0)
+        if external is not None and external.root is not None:
+            root = _random_root(crane, rng)
+            external.root.motion = RootMotion.of(root)
         command = _random_command(crane, drives, state, rng, converters)
         if rope is not None and rope.inextensible:
             drives.free = _free_joints(drives, crane, state)
         expected = drives.acceleration(state.q, state.v)
-        numbers_of_query = np.concatenate([state.q, state.v, command, force])
+        numbers_of_query = np.concatenate([state.q, state.v, command, force, root])
         query = np.repeat(numbers_of_query[:, None], options.lanes, axis=1)
         computed = accelerations_of(code, query, lane_numbers).T
         mass = crane.mass_matrix(state.q)
@@ -216,6 +223,16 @@ def _random_state(crane: Crane, rng: random.Random, *, taut: bool) -> tuple[Stat
         q = crane.coupling.complete(q)
         v = crane.coupling.spread(v)
     return State(q, v), force * crane.payload_mass
+
+
+def _random_root(crane: Crane, rng: random.Random) -> np.ndarray:
+    """Return a random motion of the base, shape (9,), see
+    `cranedyn.dynamics.root_motion.RootMotion`: rates and accelerations of the order of 1, on which
+    gravity acts.
+    """
+    root = np.array([rng.gauss() for _ in range(ROOT_NUMBERS)])
+    root[6:] -= crane.model.gravity.linear
+    return root
 
 
 def _random_command(

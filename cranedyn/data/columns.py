@@ -25,6 +25,16 @@ QUANTITIES = (
 )
 """Arrays of every trajectory, in the order of their columns."""
 
+BASE_COLUMNS = (
+    "base_surge_m",
+    "base_sway_m",
+    "base_heave_m",
+    "base_roll_rad",
+    "base_pitch_rad",
+    "base_yaw_rad",
+)
+"""Columns of the coordinates of a base that moves, see `cranedyn.disturbances.base_motion`."""
+
 _PATTERNS = {
     "v": re.compile(r"(?P<symbol>.+)_dot_(?P<unit>rad|m)_s"),
     "setpoint": re.compile(r"(?P<symbol>.+)_setpoint_(rad|m)"),
@@ -38,7 +48,12 @@ _PATTERNS = {
 
 
 def trajectory_columns(
-    units: Mapping[str, str], drives: Iterable[str], points: Iterable[str], *, rope: bool = False
+    units: Mapping[str, str],
+    drives: Iterable[str],
+    points: Iterable[str],
+    *,
+    rope: bool = False,
+    base: bool = False,
 ) -> dict[str, tuple[str, ...]]:
     """Return the names of the columns of a trajectory by quantity.
 
@@ -47,6 +62,7 @@ def trajectory_columns(
         drives: Symbols of the driven coordinates.
         points: Names of the points on which forces act.
         rope: Whether the rope may go slack, see `Trajectory.phase`.
+        base: Whether the base moves, see `Trajectory.base`.
     """
     drives = list(drives)
     efforts = []
@@ -61,6 +77,8 @@ def trajectory_columns(
     outside = ["W_force_J", "W_buffers_J"]
     if rope:
         outside.append("W_impacts_J")
+    if base:
+        outside.append("W_base_J")
     columns = {
         "t": ("t_s",),
         "q": tuple(f"{symbol}_{unit}" for symbol, unit in units.items()),
@@ -77,11 +95,13 @@ def trajectory_columns(
     }
     if rope:
         columns["phase"] = ("phase",)
+    if base:
+        columns["base"] = BASE_COLUMNS
     return columns
 
 
 _GENERAL_COLUMNS = frozenset(
-    itertools.chain.from_iterable(trajectory_columns({}, (), (), rope=True).values())
+    itertools.chain.from_iterable(trajectory_columns({}, (), (), rope=True, base=True).values())
 )
 """Columns without the symbol of a joint, drive or point."""
 
@@ -114,7 +134,13 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
     for symbol in drives:
         # A drive without a coordinate is missing below; its unit does not matter.
         joints.setdefault(symbol, "m")
-    columns = trajectory_columns(joints, drives, units["force"], rope="phase" in names)
+    columns = trajectory_columns(
+        joints,
+        drives,
+        units["force"],
+        rope="phase" in names,
+        base=any(name in names for name in BASE_COLUMNS),
+    )
     missing = [
         name for name in itertools.chain.from_iterable(columns.values()) if name not in names
     ]

@@ -47,12 +47,17 @@ class Trajectory(TimeSeries):
         force: External forces in the world frame from this instant to the next, on the points of
             the crane [N], shape (rows, 3 points).
         outside: Work done on the crane since the start by these forces, by buffers at the ends of
-            the ranges, and, if the rope may go slack, by impacts where it becomes taut, which is
-            negative where kinetic energy is lost [J], shape (rows, 2 or 3).
+            the ranges, if the rope may go slack, by impacts where it becomes taut, which is
+            negative where kinetic energy is lost, and, if the base moves, by the base [J], shape
+            (rows, 2 to 4).
         valid: 1 where the model is valid, 0 elsewhere, see `cranedyn.dynamics.validity`; shape
             (rows,).
         phase: 0 where the rope is taut, 1 where it is slack, 2 where the load stands on the ground,
             3 where it is lifted off-lead, shape (rows,); None if the rope cannot go slack.
+        base: Surge, sway, heave [m], roll, pitch and yaw [rad] of the base on which the crane
+            stands, see `cranedyn.disturbances.base_motion`, shape (rows, 6); None for a crane that
+            stands in the world. Coordinates and rates are those relative to the base. The energy is
+            that in the world.
         columns: Names of the columns of each of these quantities.
         parameters: Numbers and words that describe the run, by name.
         record: All that is needed to repeat the run: crane, controller, reference and disturbance
@@ -75,6 +80,7 @@ class Trajectory(TimeSeries):
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict, repr=False)
     phase: np.ndarray | None = None
+    base: np.ndarray | None = None
 
     def keys(self) -> list[str]:
         """Return the names of the columns."""
@@ -126,6 +132,19 @@ class Trajectory(TimeSeries):
             given = f"of joints {', '.join(self.symbols)}"
             raise OutOfRange("run", given, f"a run of this crane, of joints {expected}")
 
+    def check_base_at_rest(self, purpose: str) -> None:
+        """Check that the base on which the crane stands does not move.
+
+        Args:
+            purpose: What knows no base that moves, such as "The load chart".
+
+        Raises:
+            OutOfRange: If it moves.
+        """
+        if self.base is not None:
+            allowed = f"one of a crane that stands in the world: {purpose} knows no base that moves"
+            raise OutOfRange("run", "one with a base that moves", allowed)
+
     @property
     def drives(self) -> list[int]:
         """Indices of the driven coordinates among all coordinates."""
@@ -171,7 +190,12 @@ class Trajectory(TimeSeries):
     @property
     def _quantities(self) -> tuple[str, ...]:
         """Names of the arrays."""
-        return QUANTITIES if self.phase is None else (*QUANTITIES, "phase")
+        names = list(QUANTITIES)
+        if self.phase is not None:
+            names.append("phase")
+        if self.base is not None:
+            names.append("base")
+        return tuple(names)
 
     @property
     def ledger(self) -> np.ndarray:

@@ -16,7 +16,8 @@ import numpy as np
 
 from cranedyn.checks import finite, number
 from cranedyn.clocks import intervals
-from cranedyn.dynamics.equations_of_motion import point_velocities
+from cranedyn.disturbances.base_motion import BaseMotion
+from cranedyn.dynamics.equations_of_motion import point_positions, point_velocities
 from cranedyn.dynamics.scalars import square_root
 from cranedyn.errors import UnknownName
 from cranedyn.interfaces import Disturbance, State
@@ -191,16 +192,22 @@ class Wind:
         speed: Wind speed over time.
         along: Unit vector in which it blows, in the world, shape (3,).
         areas: Drag coefficient times area of each point [m²], shape (points,).
+        base: Motion of the base on which the crane stands; None for a crane that stands in the
+            world. A run on a moving base sets it.
     """
 
     crane: Crane
     speed: Speed
     along: np.ndarray
     areas: np.ndarray
+    base: BaseMotion | None = None
 
     def __call__(self, t: float, state: State) -> np.ndarray:
         """Return the forces in the world [N], shape (points, 3)."""
         point_velocity = point_velocities(self.crane, state)
+        if self.base is not None:
+            position = point_positions(self.crane, state.q)
+            point_velocity = self.base.world_velocities(t, position, point_velocity)
         return drag_force(self.areas, self.speed(t) * self.along - point_velocity)
 
 

@@ -17,6 +17,7 @@ from cranedyn.dynamics.equations_of_motion import (
     solve_accelerations,
 )
 from cranedyn.dynamics.joint_forces import JointForces, Stops
+from cranedyn.dynamics.root_motion import RootForces
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
@@ -45,17 +46,21 @@ def cable_buffers(crane: Crane, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 
 
 class ExternalForces:
-    """Forces on the points of the crane, and buffers at the ends of the ranges of the drives.
+    """Forces on the points of the crane, buffers at the ends of the ranges of the drives, and what
+    the crane feels of a base that moves.
 
     Attributes:
-        force: Forces on the points in the world [N], shape (points, 3).
+        force: Forces on the points, in the axes of the frame in which the crane stands [N], shape
+            (points, 3).
         stops: The buffers; None for none.
         stop_effort: Efforts of the buffers when they were last computed [N m or N], shape (m,).
+        root: Forces from the motion of the base; None for a crane that stands in the world.
     """
 
-    def __init__(self, crane: Crane, *, buffers: bool) -> None:
+    def __init__(self, crane: Crane, *, buffers: bool, moving_base: bool = False) -> None:
         self.force = np.zeros((len(crane.points), 3))
         self.stops = Stops.of(crane) if buffers else None
+        self.root = RootForces(crane.model) if moving_base else None
         self.stop_effort = np.zeros(crane.layout.m)
         self._points = crane.points
         self._drives = crane.layout.drives
@@ -71,6 +76,8 @@ class ExternalForces:
         if self.stops is not None:
             self.stop_effort = self.stops.effort(q, v)
             effort[self._drives] += self.stop_effort
+        if self.root is not None:
+            effort += self.root.effort(q, v)
         return effort
 
 

@@ -55,6 +55,12 @@ _LATCHED = (
 """Quality of service in the numbers of rmw, which rosbag2 reads from Humble on: reliable and
 transient local, so that a later subscriber receives the last message."""
 
+WORLD = "world"
+"""Frame in which a base moves, if the run has one."""
+
+OTHER_WORLD = "earth"
+"""The same for a crane whose root link is named as that frame."""
+
 PROFILES = {"/tf_static": _LATCHED, "/robot_description": _LATCHED}
 """Quality of service of the topics that have one message only."""
 
@@ -79,9 +85,10 @@ def export(file: str | Path, crane: Crane, trajectory: Trajectory) -> Path:
     ``/joint_states`` has all moving joints by their names in the URDF, with position, velocity and
     effort, of the drives the effort that acted, 0 for passive joints. ``/joint_setpoints`` has the
     drives with position wanted and effort commanded. ``/tf`` has a frame for each moving link, 20
-    ms apart or more; ``/tf_static`` and ``/robot_description`` stand at the first time, and reach
-    later subscribers, too (`PROFILES`). Times are those of the run, from 0 on, in the header, as
-    log time and as publish time.
+    ms apart or more; on a base that moves, also for the root link in the world, whose frame is
+    `WORLD` or `OTHER_WORLD`. ``/tf_static`` and ``/robot_description`` stand at the first time, and
+    reach later subscribers, too (`PROFILES`). Times are those of the run, from 0 on, in the header,
+    as log time and as publish time.
 
     Args:
         file: New file, ending in .mcap.
@@ -142,6 +149,11 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
     links = {element.get("name", ""): ends(element) for element in robot.iterfind("joint")}
     frames = [links.pop(joint.name) for joint in moving]
     fixed_frames = list(links.values())
+    # The link that hangs from no joint: a base that moves carries it.
+    children = {child for _, child in [*frames, *fixed_frames]}
+    root = next(
+        name for link in robot.iterfind("link") if (name := link.get("name", "")) not in children
+    )
     yield "/robot_description", times[0], {"data": crane.urdf}
     yield "/tf_static", times[0], _transforms(crane, run.q[0], times[0], fixed_frames)
     last_frame = -np.inf
@@ -151,7 +163,10 @@ def _messages(crane: Crane, robot: ET.Element, run: Trajectory) -> Iterator[Mess
         yield "/joint_setpoints", time, setpoint
         if run.t[k] > last_frame + FRAME_PERIOD - _ROUND_OFF:
             last_frame = run.t[k]
-            yield "/tf", time, _transforms(crane, run.q[k], time, frames)
+            message = _transforms(crane, run.q[k], time, frames)
+            if run.base is not None:
+                message["transforms"].append(_base_transform(root, run.base[k], time))
+            yield "/tf", time, message
 
 
 def _joint_state(
@@ -206,6 +221,27 @@ def _transforms(
             }
         )
     return {"transforms": transforms}
+
+
+def _base_transform(root: str, base: np.ndarray, time: int) -> dict[str, Any]:
+    """Return the frame of the root of a crane on a base that moves, in the world.
+
+    Args:
+        root: Name of the root link.
+        base: Surge, sway, heave [m], roll, pitch and yaw [rad], shape (6,).
+        time: Time [ns].
+    """
+    x, y, z, *rotation = pin.SE3ToXYZQUAT(
+        pin.SE3(pin.rpy.rpyToMatrix(*base[3:]), base[:3])
+    ).tolist()
+    return {
+        "header": _header(time, WORLD if root != WORLD else OTHER_WORLD),
+        "child_frame_id": root,
+        "transform": {
+            "translation": {"x": x, "y": y, "z": z},
+            "rotation": dict(zip("xyzw", rotation, strict=True)),
+        },
+    }
 
 
 def add_arguments(parser: argparse.ArgumentParser) -> None:

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.interpolate import BSpline, CubicSpline
 
 from cranedyn.checks import as_array, finite
+from cranedyn.data.columns import BASE_COLUMNS
 from cranedyn.data.external import Source, load_external
 from cranedyn.data.logs import open_log
 from cranedyn.dynamics.equations_of_motion import natural_frequencies
@@ -470,7 +471,8 @@ def load_record(
 
     Raises:
         DataError: As `cranedyn.data.external.read_external`,
-            `cranedyn.interop.bags.read_joint_states` and `Record.of`.
+            `cranedyn.interop.bags.read_joint_states` and `Record.of`; if the crane stands on a base
+            that moves.
         UnknownName: If a source names an unknown column.
     """
     path = Path(path)
@@ -483,6 +485,12 @@ def load_record(
         return Record.of(crane, data, name=path.name, since=since, until=until)
     sources = sources or {}
     log = open_log(path)
+    moving = [column for column in BASE_COLUMNS if column in log.names]
+    if moving:
+        raise DataError(
+            f"{path} has {moving[0]}, so that its crane stands on a base that moves; "
+            "identification knows none. Leave the columns out only if the base stood still."
+        )
     names = relevant_columns(crane, {"t_s", *log.names, *sources})
     table = load_external(
         log,

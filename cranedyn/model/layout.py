@@ -326,13 +326,16 @@ class Layout:
             )
         return indices
 
-    def columns(self, *, rope: bool = False) -> dict[str, tuple[str, ...]]:
-        """Return the names of the columns of a trajectory by quantity, with units; rope tells
-        whether the rope may go slack.
+    def columns(self, *, rope: bool = False, base: bool = False) -> dict[str, tuple[str, ...]]:
+        """Return the names of the columns of a trajectory by quantity, with units.
+
+        Args:
+            rope: Whether the rope may go slack.
+            base: Whether the base on which the crane stands moves.
         """
         units = dict(zip(self.symbols, self.units, strict=True))
         drives = [joint.symbol for joint in self.driven]
-        return trajectory_columns(units, drives, self.points, rope=rope)
+        return trajectory_columns(units, drives, self.points, rope=rope, base=base)
 
     @staticmethod
     def _indices(belongs: Sequence[bool]) -> np.ndarray:

@@ -15,7 +15,7 @@ from cranedyn.dynamics.equations_of_motion import payload_position, point_positi
 from cranedyn.plotting.style import rgb
 from cranedyn.recording.contents import SCENE, TIMELINE, Run
 from cranedyn.recording.scene import BACKGROUND, drawn_size, payload_entity
-from cranedyn.recording.series import GAPS, READOUT, Table, plots, time_range, time_series_view
+from cranedyn.recording.series import GAPS, READOUT, Table, run_plots, time_range, time_series_view
 from cranedyn.recording.shapes import visible_points
 
 _UP = np.array([0.0, 0.0, 1.0])
@@ -117,7 +117,7 @@ def _plot_column(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool) ->
     symbols: list[str] = []
     efforts: list[str] = []
     for run in runs:
-        plot_names.update(plots(run.crane.layout))
+        plot_names.update(run_plots(run))
         for joint in run.crane.layout.driven:
             if joint.symbol not in symbols:
                 symbols.append(joint.symbol)
@@ -142,7 +142,7 @@ def _plot_column(runs: Sequence[Run], tables: Sequence[Table], *, gaps: bool) ->
                 plot_legend=rrb.PlotLegend(corner="RightTop"),
             )
         )
-    for name in ("swing", "stretch"):
+    for name in ("swing", "stretch", "base", "base attitude"):
         if name in plot_names:
             passive_views.append(time_series_view(name, runs, tables))
 

@@ -192,7 +192,12 @@ class Scene:
         self._look = look
         self._crane = run.crane
         self._tree = urdf_tree(run.crane, run.frame(""))
+        # The frame in which the crane stands, and the frame of the world at its foot. They are one,
+        # unless the crane stands on a base that moves.
         self._ground = run.frame(self._tree.root_link().name)
+        self._world = self._ground
+        if run.trajectory.base is not None:
+            self._world = run.frame("world below the base")
         self._size = drawn_size(run.crane)
         self._has_arrows = run.crane.layout.has("trolley", _RADIAL_SWING, _TANGENTIAL_SWING)
         self._log_links()
@@ -212,6 +217,8 @@ class Scene:
         rows = rows[trajectory.t[rows] >= t_start]
         t = trajectory.t[rows]
         q = trajectory.q[rows]
+        if trajectory.base is not None:
+            self._move_base(t, trajectory.base[rows])
         self._move_joints(t, q)
         self._send(t, rr.LineStrips3D.columns(strips=rope_line(crane, q)), "scene", "cable")
         if trajectory.phase is not None:
@@ -231,6 +238,16 @@ class Scene:
             # stand beyond their limits, and are drawn where they are.
             columns = urdf_joint.compute_transform_columns(values[changes].tolist(), clamp=False)
             self._send(t[changes], columns, "joints", joint.name)
+
+    def _move_base(self, t: np.ndarray, base: np.ndarray) -> None:
+        """Log where the base is, from its coordinates, shape (rows, 6)."""
+        columns = rr.Transform3D.columns(
+            translation=base[:, :3],
+            quaternion=Rotation.from_euler("xyz", base[:, 3:]).as_quat(),
+            parent_frame=[self._world] * len(t),
+            child_frame=[self._ground] * len(t),
+        )
+        self._send(t, columns, "joints", "base")
 
     def _move_contact(self, trajectory: Trajectory, rows: np.ndarray) -> None:
         """Log marks where the load touches, in rows of a trajectory."""
@@ -304,7 +321,7 @@ class Scene:
             translation=run.offset,
             rotation=rr.RotationAxisAngle([0.0, 0.0, 1.0], radians=run.heading),
             parent_frame="tf#/",
-            child_frame=self._ground,
+            child_frame=self._world,
         )
         log(run.entity("joints", "ground"), foot, static=True)
         moving = {joint.name for joint in self._crane.layout.joints}
@@ -364,7 +381,7 @@ class Scene:
             colors=rgb(_SETPOINT), radii=size * _CABLE_RADIUS / 2
         )
         self._log(self._ground, cable, "cable")
-        self._log(self._ground, path, "path")
+        self._log(self._world, path, "path")
         contact = rr.Points3D.from_fields(colors=rgb(CONTACT), radii=size * _CONTACT_RADIUS)
         self._log(self._ground, contact, "contact")
         self._log(self._ground, setpoint, "setpoint", "cable")
@@ -381,6 +398,10 @@ class Scene:
         """Log the last positions of the payload, the newest first."""
         rows = rows_every(trajectory.t, _PATH_PERIOD)
         payload = rope_line(self._crane, trajectory.q[rows])[:, -1]
+        if trajectory.base is not None:
+            # The path in the world, which the base does not carry along.
+            base = trajectory.base[rows]
+            payload = base[:, :3] + Rotation.from_euler("xyz", base[:, 3:]).apply(payload)
         new = np.flatnonzero(trajectory.t[rows] >= t_start)
         # Indices of each new row and of the rows before it, shape (new rows, points of the path).
         # Before the first row there is none: the path stays at it.

@@ -166,6 +166,21 @@ def plots(layout: Layout) -> dict[str, Plot]:
     return by_name
 
 
+def run_plots(run: Run) -> dict[str, Plot]:
+    """Return the plots of a run by name: those of its crane, and those of a base that moves."""
+    by_name = plots(run.crane.layout)
+    if run.trajectory.base is not None:
+        by_name["base"] = _base_plot("Base", ("surge", "sway", "heave"), _METRES)
+        by_name["base attitude"] = _base_plot("Base", ("roll", "pitch", "yaw"), _DEGREES)
+    return by_name
+
+
+def _base_plot(title: str, names: Sequence[str], unit: _PlotUnit) -> Plot:
+    """Return the plot of some coordinates of a base that moves."""
+    curves = [Curve(name, name, f"base_{name}_{unit.suffix}") for name in names]
+    return Plot(f"{title} [{unit.symbol}]", unit.least_span, tuple(curves))
+
+
 def _position_plot(joint: Joint) -> Plot:
     """Return the plot of a drive: its setpoint and its position."""
     unit = _plot_unit(joint)
@@ -232,7 +247,8 @@ def _joint_plot(name: str, joints: Sequence[Joint]) -> Plot:
 def series_table(run: Run, start_energy: float | None = None) -> Table:
     """Return the recorded columns of a run: angles in degrees, energy since the start, limits.
 
-    Forces from outside are columns only of a run that has any.
+    Forces from outside are columns only of a run that has any, and so are the coordinates of a base
+    that moves.
 
     Args:
         run: The run.
@@ -243,6 +259,8 @@ def series_table(run: Run, start_energy: float | None = None) -> Table:
     keys = ["q", "v", "setpoint", "effort", "work", "dissipated"]
     if trajectory.force.any() or trajectory.outside.any():
         keys += ["force", "outside"]
+    if trajectory.base is not None:
+        keys.append("base")
     columns: Table = {}
     for key in keys:
         for name in names[key]:
@@ -366,7 +384,7 @@ def time_series_view(
         tables: Their tables; empty while the run goes on, and the axes find their own ranges.
         title: Title of the view; empty for that of the plot.
     """
-    plot_of_run = [plots(run.crane.layout).get(name) for run in runs]
+    plot_of_run = [run_plots(run).get(name) for run in runs]
     several = len(runs) > 1 and not title
     overrides: dict[Any, Any] = {}
     for run, run_plot, colour in zip(runs, plot_of_run, colours(runs), strict=True):

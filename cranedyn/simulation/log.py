@@ -20,6 +20,7 @@ from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.dynamics.validity import Bound, conditions, first_event, hoist_force, valid
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import State
+from cranedyn.simulation.base_energy import RowsOnBase
 from cranedyn.simulation.run_spec import RunSpec
 
 BLOCK = 1000
@@ -128,7 +129,7 @@ class Log:
         """
         layout = spec.crane.layout
         instants = spec.instants
-        self._columns = layout.columns(rope=spec.rope_may_go_slack)
+        self._columns = layout.columns(rope=spec.rope_may_go_slack, base=spec.base is not None)
         _check_memory(spec, self._columns)
         self.spec = spec
         self.t = spec.t_start + spec.clocks.period * np.arange(instants)
@@ -245,6 +246,10 @@ class Log:
         outside = [self.force_work(), self.contact_work[rows]]
         if self.spec.rope_may_go_slack:
             outside.append(self.impact_work[rows])
+        base = None
+        if self.spec.base is not None:
+            outside.append(self._on_base().base_work())
+            base = self.spec.base.at(self.t[rows]).position
         return Trajectory(
             t=self.t[rows],
             q=self.q[rows],
@@ -261,6 +266,7 @@ class Log:
             outside=np.stack(outside, axis=1),
             valid=self.valid[rows],
             phase=self.rope_phase(),
+            base=base,
             columns=self._columns,
             parameters=parameters,
             record=record,
@@ -276,9 +282,12 @@ class Log:
         effort = self.effort[: self._rows]
         effort_before = self.effort_before[: self._rows]
 
-        energy = np.zeros(self._rows)
-        for row in range(self._rows):
-            energy[row] = pin.computeMechanicalEnergy(crane.model, crane.data, q[row], v[row])
+        if spec.base is not None:
+            energy = self._on_base().energy()
+        else:
+            energy = np.zeros(self._rows)
+            for row in range(self._rows):
+                energy[row] = pin.computeMechanicalEnergy(crane.model, crane.data, q[row], v[row])
         if crane.springs.any:
             energy += crane.springs.energy(q.T)
 
@@ -302,6 +311,8 @@ class Log:
         force = self.force[: self._rows]
         if not self.spec.has_forces or not force.any():
             return np.zeros(self._rows)
+        if self.spec.base is not None:
+            return self._on_base().force_work()
         positions = point_paths(self.spec.crane, self._synchronous_coordinates())
         point_steps = np.diff(positions.reshape(self._rows, -1), axis=0)
         return _sum_from_zero((force[:-1] * point_steps).sum(axis=1), self._rows)
@@ -321,6 +332,12 @@ class Log:
 
             phase = ground_phases(self.spec.crane, self.spec.contacts, q, v, phase)
         return phase
+
+    def _on_base(self) -> RowsOnBase:
+        """Return the rows so far of a crane on a moving base, for its energy."""
+        rows = slice(self._rows)
+        spec = self.spec
+        return RowsOnBase(spec, self.t[rows], self.q[rows], self.v[rows], self.force[rows])
 
     def _synchronous_coordinates(self) -> np.ndarray:
         """Return the coordinates at the times to which the rates belong, shape (rows, n).

@@ -19,12 +19,18 @@ from cranedyn.dynamics.drives import (
     VelocityDrives,
 )
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.root_motion import SAMPLES_PER_STEP, RootMotion, interpolated_root
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Monitor, Reference, State
 from cranedyn.references.simple import checked_reference
+from cranedyn.simulation.base_samples import BaseSamples
 from cranedyn.simulation.log import Actuation, Log
 from cranedyn.simulation.loop_checks import as_command, as_force, check_bounded
 from cranedyn.simulation.run_spec import RunSpec
+
+_PHASE_TOLERANCE = 1e-9
+"""Rounding error of an elapsed time, in physics steps: a stage this little before the end of a step
+is at its end."""
 
 
 def run(
@@ -97,6 +103,7 @@ class DrivenCrane:
         self._hoist = spec.crane.layout.drive_of("hoist") if spec.has_buffers else None
         # NumPy multiplies two arrays of n numbers faster than an array and a Python float.
         self._dt = np.full(spec.crane.layout.n, spec.clocks.dt)
+        self._base = None if spec.base is None else BaseSamples(spec)
         self.reset(spec.start)
 
     def reset(self, start: State) -> None:
@@ -104,9 +111,15 @@ class DrivenCrane:
         spec = self._spec
         self.state = start
         self._external: ExternalForces | None = None
-        if spec.has_forces or spec.has_buffers:
-            self._external = ExternalForces(spec.crane, buffers=spec.has_buffers)
+        if spec.has_forces or spec.has_buffers or spec.base is not None:
+            self._external = ExternalForces(
+                spec.crane, buffers=spec.has_buffers, moving_base=spec.base is not None
+            )
             self._no_force = self._external.force
+        # Control periods since the start, and physics steps since the last control instant: the
+        # clock of a base that moves.
+        self._periods = 0
+        self._elapsed = 0.0
         self._drives = make_drives(spec, self._external, start)
         self._buffer_work = 0.0
 
@@ -126,11 +139,13 @@ class DrivenCrane:
                 from now on.
         """
         state = self.state
+        if self._base is not None:
+            self._set_root(RootMotion.of(self._base.of_instant(self._periods)))
         # In this order: it is the last command and the last force that acted until now.
         effort_before = self._drives.effort(state)
         if self._spec.has_forces:
             assert self._external is not None
-            self._external.force = self._no_force if force is None else force
+            self._external.force = self._no_force if force is None else self._in_base_axes(force)
         needed_effort, effort = self._drives.take_command(command, state)
         self.actuation = Actuation(
             needed_effort,
@@ -149,6 +164,9 @@ class DrivenCrane:
         Its arrays are read-only, since controllers and monitors get to see them.
         """
         q, v = self.state
+        if self._base is not None:
+            self._samples = self._base.of_period(self._periods)
+            self._elapsed = 0.0
         if self._spec.has_buffers:
             for _ in range(self._clocks.steps):
                 q, v = self._step_with_buffers(q, v)
@@ -159,6 +177,7 @@ class DrivenCrane:
                 q, v = self._steps(q, v, 1)
         else:
             q, v = self._steps(q, v, self._clocks.steps)
+        self._periods += 1
         q.setflags(write=False)
         v.setflags(write=False)
         self.state = State(q, v)
@@ -166,9 +185,63 @@ class DrivenCrane:
 
     def _steps(self, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Return q and v, shape (n,) each, after a number of physics steps."""
+        if self._base is not None:
+            return self._steps_on_base(q, v, self._integrator, 1.0, steps)
         return self._integrator.advance(
             self._drives.acceleration, self._drives.model, q, v, self._dt, steps
         )
+
+    def _steps_on_base(
+        self, q: np.ndarray, v: np.ndarray, integrator: Integrator, span: float, steps: int
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return q and v after steps in which the base moves.
+
+        A stepping rule knows no time. So the elapsed time is one more coordinate, whose rate is 1,
+        and the rule itself carries it to each of its stages. It is counted in physics steps.
+
+        Args:
+            q: Coordinates, shape (n,).
+            v: Rates, shape (n,).
+            integrator: The stepping rule.
+            span: Length of a step, in physics steps.
+            steps: Number of steps.
+        """
+        n = len(q)
+        step = np.full(n + 1, span * self._clocks.dt)
+        step[n] = span
+
+        def acceleration(coordinates: np.ndarray, rates: np.ndarray) -> np.ndarray:
+            self._set_base(coordinates.item(n))
+            of_joints = self._drives.acceleration(coordinates[:n], rates[:n])
+            return np.append(of_joints, 0.0)
+
+        def advanced(quantity: np.ndarray, rate: np.ndarray) -> np.ndarray:
+            return quantity + step * rate
+
+        coordinates, rates = integrator.rule(
+            acceleration, advanced, advanced, np.append(q, self._elapsed), np.append(v, 1.0), steps
+        )
+        self._elapsed = coordinates.item(n)
+        return coordinates[:n].copy(), rates[:n].copy()
+
+    def _set_base(self, elapsed: float) -> None:
+        """Let the base move as it does a number of physics steps after the control instant."""
+        # At the end of the period the last step counts, and not one that would come after it.
+        step = min(int(elapsed + _PHASE_TOLERANCE), self._clocks.steps - 1)
+        row = SAMPLES_PER_STEP * step
+        samples = self._samples[row : row + SAMPLES_PER_STEP + 1]
+        self._set_root(interpolated_root(samples, elapsed - step))
+
+    def _set_root(self, motion: RootMotion) -> None:
+        """Let the base move in a given way from now on."""
+        assert self._external is not None and self._external.root is not None
+        self._external.root.motion = motion
+
+    def _in_base_axes(self, force: np.ndarray) -> np.ndarray:
+        """Return forces in the axes in which the crane stands, from those in the world [N], shape
+        (points, 3). They are held in these axes for a control period.
+        """
+        return force if self._base is None else force @ self._base.rotation(self._periods)
 
     def _step_with_buffers(self, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return q and v after one physics step with buffers at the ends of the drives' ranges.
@@ -181,6 +254,7 @@ class DrivenCrane:
         assert self._external is not None and self._external.stops is not None
         dt = self._clocks.dt
         stops = self._external.stops
+        elapsed = self._elapsed
         if not self._integrator.smooth:
             return self._step_and_count_work(q, v, self._integrator, dt)
 
@@ -194,6 +268,7 @@ class DrivenCrane:
                 return q_free, v_free
 
         substeps = self._clocks.substeps
+        self._elapsed = elapsed
         for _ in range(substeps):
             q, v = self._step_and_count_work(q, v, semi_implicit_euler, dt / substeps)
         return q, v
@@ -209,7 +284,10 @@ class DrivenCrane:
         """
         assert self._external is not None
         v_before = v
-        q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
+        if self._base is not None:
+            q, v = self._steps_on_base(q, v, integrator, dt / self._clocks.dt, 1)
+        else:
+            q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
         displacement = 0.5 * dt * (v_before + v)
         driven_displacement = displacement[self._spec.crane.layout.drives]
         self._buffer_work += float(self._external.stop_effort @ driven_displacement)

@@ -97,6 +97,7 @@ def run_record(spec: RunSpec, controller: object, reference: object) -> dict[str
         "reference": reference,
         "disturbance": spec.disturbance,
         "ground": spec.ground,
+        "base": spec.base,
         "converters": spec.converters,
     }
     for name, actor in actors.items():

@@ -6,11 +6,15 @@ the result and check nothing again.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+
+import numpy as np
 
 from cranedyn.checks import ShortRepr, check_choice, number
 from cranedyn.clocks import Clocks, clocks
+from cranedyn.disturbances.base_motion import BaseMotion
+from cranedyn.disturbances.wind import Wind
 from cranedyn.dynamics.converters import Converters, converters_of_run
 from cranedyn.dynamics.integrators import Integrator
 from cranedyn.errors import OutOfRange, shown
@@ -45,6 +49,8 @@ class RunSpec(ShortRepr):
         has_forces: Whether external forces act, from the disturbance or from the caller.
         ground: Ground and platforms that the load may touch; None for none.
         contacts: Contacts of the load with the ground; None without ground.
+        base: Motion of the base on which the crane stands; None for a crane that stands in the
+            world. The ground, too, is that of the base.
     """
 
     crane: Crane
@@ -60,6 +66,7 @@ class RunSpec(ShortRepr):
     has_forces: bool
     ground: Ground | None
     contacts: Contacts | None
+    base: BaseMotion | None = None
 
     @property
     def instants(self) -> int:
@@ -101,6 +108,7 @@ def make_run_spec(
     disturbance: Disturbance | None,
     ground: Ground | None,
     has_forces: bool = False,
+    base: BaseMotion | None = None,
 ) -> RunSpec:
     """Check the arguments of a run, fill in what is left open, and return them as a spec.
 
@@ -110,7 +118,7 @@ def make_run_spec(
     Raises:
         OutOfRange: If an argument is out of its range or has no effect; if there is not one
             converter for each drive; if the start is not one finite coordinate and rate for each
-            joint.
+            joint; if the motion of the base is not known for the whole run.
     """
     if isinstance(drive, Converters):
         drive_kind: Drive = "velocity"
@@ -135,10 +143,17 @@ def make_run_spec(
     if converters is not None:
         command_delay = converters.delay_steps(run_clocks.dt, run_clocks.period)
 
+    first_time = number("time at the start", t_start, "s", "-1e9 to 1e9")
+    if base is not None:
+        _check_base(base, first_time, first_time + run_clocks.periods * run_clocks.period)
+        if type(disturbance) is Wind:
+            # The points of the crane move with the base, and the wind blows against both.
+            disturbance = replace(disturbance, base=base)
+
     return RunSpec(
         crane=crane,
         start=crane.layout.as_state("start", crane.start if start is None else start),
-        t_start=number("time at the start", t_start, "s", "-1e9 to 1e9"),
+        t_start=first_time,
         clocks=run_clocks,
         drive=drive_kind,
         converters=converters,
@@ -149,4 +164,17 @@ def make_run_spec(
         has_forces=has_forces or disturbance is not None,
         ground=ground,
         contacts=None if ground is None else ground.contacts(crane),
+        base=base,
     )
+
+
+def _check_base(base: BaseMotion, first: float, last: float) -> None:
+    """Check that the motion of a base is known at both ends of a run [s].
+
+    Raises:
+        OutOfRange: If it is not, or it is no motion.
+    """
+    if not isinstance(base, BaseMotion):
+        allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
+        raise OutOfRange("base", shown(base), allowed)
+    base.at(np.array([first, last]))

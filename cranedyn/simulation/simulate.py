@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import CraneError, OutOfRange, RunError, format_error
@@ -49,6 +50,7 @@ def simulate(
     drive: Drive | Converters = "effort",
     disturbance: Disturbance | None = None,
     ground: Ground | None = None,
+    base: BaseMotion | None = None,
     # what is watched
     validity: Validity = "stop",
     monitors: Sequence[Monitor] = (),
@@ -91,6 +93,10 @@ def simulate(
         disturbance: External forces on the points of the crane, such as wind, held for a control
             period as commands are. None for none.
         ground: Ground and platforms that the load may touch. None for none.
+        base: Motion of the base on which the crane stands, such as a ship. The state, the setpoints
+            and the drives are those relative to the base, and so is the ground, which is its deck.
+            Forces of a disturbance are those in the world, and a `Wind` blows against the motion of
+            the base as well. None for a crane that stands in the world.
         validity: What to do where the model ceases to hold: where a joint leaves its range, the
             rope would have to push, the load swings to 90° or touches a ground that is not given,
             or a motion that is followed exactly needs more effort or rate than a drive has.
@@ -131,6 +137,7 @@ def simulate(
         validity=validity,
         disturbance=disturbance,
         ground=ground,
+        base=base,
     )
     if isinstance(controller, type):
         raise OutOfRange(

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
 from cranedyn.errors import OutOfRange
@@ -46,6 +47,7 @@ class Stepper:
         ground: Ground | None = None,
         integrator: Integrator = semi_implicit_euler,
         engine: EngineName | str | None = None,
+        base: BaseMotion | None = None,
     ) -> None:
         """Start at a state.
 
@@ -60,6 +62,8 @@ class Stepper:
             ground: Ground and platforms that the load may touch; None for none.
             integrator: Rule that steps coordinates and rates.
             engine: Engine that computes the steps, see `cranedyn.simulation.simulate.simulate`.
+            base: Motion of the base on which the crane stands, over the time since the start; None
+                for a crane that stands in the world.
 
         Raises:
             OutOfRange: If an argument is out of its range or has no effect, or the state is not one
@@ -84,6 +88,7 @@ class Stepper:
             disturbance=None,
             ground=ground,
             has_forces=forces,
+            base=base,
         )
         engine_name = default_engine(self._spec) if engine is None else engine
         self._moving = load_engine(engine_name).begin(self._spec)

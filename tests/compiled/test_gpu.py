@@ -24,6 +24,7 @@ from cranedyn.compiled.horizon.receding import receding
 from cranedyn.compiled.threads import WARP
 from cranedyn.controllers import follow, hold_controller
 from cranedyn.controllers.hold import Hold
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import converters
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange
@@ -121,6 +122,12 @@ def _another_crane() -> dict[str, Any]:
     return {"crane": c, "controller": hold_controller(c), "start": starts}
 
 
+def _on_a_base() -> dict[str, Any]:
+    """Cranes that move as their buffers and a base that rolls and heaves let them."""
+    base = BaseMotion.sines(heave=(0.5, 3.0, 0.4), roll=(0.05, 4.0), yaw=(0.1, 5.0, 1.0))
+    return _at_buffers() | {"base": base}
+
+
 STUDIES = {
     "one controller": _whirling,
     "all different": _all_different,
@@ -129,6 +136,7 @@ STUDIES = {
     "converters": _on_converters,
     "controllers with states": _with_states,
     "two pendulums": _another_crane,
+    "on a base": _on_a_base,
 }
 
 
@@ -184,7 +192,7 @@ def machine(stand_in: Callable[..., SimpleNamespace]) -> SimpleNamespace:
 
 
 @pytest.mark.parametrize(
-    "study", ["one controller", "all different", "buffers and RK4", "converters"]
+    "study", ["one controller", "all different", "buffers and RK4", "converters", "on a base"]
 )
 @pytest.mark.slow
 def test_the_kernels_of_a_gpu_do_what_vectors_do(machine: SimpleNamespace, study: str) -> None:
@@ -197,7 +205,9 @@ def test_the_kernels_of_a_gpu_do_what_vectors_do(machine: SimpleNamespace, study
 def test_a_run_on_the_gpu_goes_on_from_piece_to_piece_to_the_bit(
     machine: SimpleNamespace, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    given = {**CLOCK, **_whirling(), "duration": 0.05, "device": "cuda"}
+    # On a base, whose motion a piece must read from where it begins.
+    base = BaseMotion.sines(heave=(0.5, 0.3), roll=(0.05, 0.4))
+    given = {**CLOCK, **_whirling(), "duration": 0.05, "device": "cuda", "base": base}
     whole = simulate_batch(**given)
     before = machine.calls.count("cuLaunchKernel")
     monkeypatch.setattr(cuda, "_MAX_STEPS_PER_LAUNCH", 25 * WARP)

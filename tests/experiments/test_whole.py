@@ -21,7 +21,7 @@ WHOLE = [
     # The longest; test files of their names test them in parts.
     *(
         pytest.param(name, marks=pytest.mark.long)
-        for name in ("cranes", "liftoff", "linear_vs_full", "validate")
+        for name in ("cranes", "liftoff", "linear_vs_full", "ship", "validate")
     ),
 ]
 

@@ -24,6 +24,7 @@ from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_crane, bodies_of_m
 from cranedyn.dynamics.contact import Contacts
 from cranedyn.dynamics.converters import DrivenMotion, Response, saturate_acceleration
 from cranedyn.dynamics.joint_forces import JointForces, Stops, rope_tension
+from cranedyn.dynamics.root_motion import RootMotion
 from cranedyn.dynamics.scalars import array, clipped, indicator, solve_linear, where
 from cranedyn.dynamics.validity import bounds
 from cranedyn.model.crane import Crane, once_per_crane
@@ -203,6 +204,7 @@ class Plant:
         command: np.ndarray,
         forces: np.ndarray | None,
         reactions: Sequence[ExternalForce] = (),
+        root: RootMotion | None = None,
     ) -> DynamicsResult:
         """Return the accelerations and efforts that a command causes at a state.
 
@@ -211,9 +213,10 @@ class Plant:
             v: Their rates, shape (n,).
             command: Efforts within the limits, accelerations, or reference rates of the drives,
                 shape (m,).
-            forces: External forces on the points in the world [N], shape (3 points,); None for
-                none.
+            forces: External forces on the points in the axes in which the crane stands [N], shape
+                (3 points,); None for none.
             reactions: Forces of the ground, see `ground_reactions`.
+            root: Motion of the base on which the crane stands; None for one at rest.
         """
         drives = self.topology.layout.drives
         rope = self.joint.rope
@@ -228,9 +231,11 @@ class Plant:
         if self.drive == "effort" and coupling is None and not rope_is_constraint:
             # All joints are free: the equation of motion is solved as a whole.
             effort[drives] = effort[drives] + command
-            a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external)
+            a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external, root)
             return DynamicsResult(a, command, command, pull)
-        resisting = rigid_body.tree_inverse_dynamics(self.tree, frames, v, external_forces=external)
+        resisting = rigid_body.tree_inverse_dynamics(
+            self.tree, frames, v, external_forces=external, root=root
+        )
         resisting = resisting - effort
         mass = rigid_body.mass_matrix(self.tree, frames)
         if coupling is not None:

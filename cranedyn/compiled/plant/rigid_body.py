@@ -26,6 +26,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from cranedyn.dynamics.bodies import Bodies
+from cranedyn.dynamics.root_motion import RootMotion
 from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linear
 
 _AGREEMENT = 1e-11
@@ -194,6 +195,7 @@ def tree_inverse_dynamics(
     a: np.ndarray | None = None,
     external_forces: Sequence[ExternalForce] = (),
     pulled: tuple[int, Any] | None = None,
+    root: RootMotion | None = None,
 ) -> np.ndarray:
     """Return the generalized forces that cause accelerations, given gravity and external forces, as
     `pin.rnea` does. Damping is not counted.
@@ -203,12 +205,13 @@ def tree_inverse_dynamics(
         poses: Their frames.
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
-        external_forces: Forces from outside.
+        external_forces: Forces from outside, in the axes of the frame in which the tree stands.
         pulled: A body that slides along an axis of its frame, and the effort that acts on it there.
             The other bodies feel this effort along the axis instead of the inertial force of the
             body, whatever its acceleration, see `tree_forward_dynamics`. None for no such body.
+        root: Motion of the frame in which the tree stands; None for one at rest.
     """
-    return _newton_euler(tree, poses, v, a, external_forces, pulled).efforts
+    return _newton_euler(tree, poses, v, a, external_forces, pulled, root).efforts
 
 
 def transmitted(
@@ -260,6 +263,7 @@ def _newton_euler(
     a: np.ndarray | None,
     external_forces: Sequence[ExternalForce],
     pulled: tuple[int, Any] | None = None,
+    root: RootMotion | None = None,
 ) -> _JointLoads:
     """Return what the joints carry, by the recursive Newton-Euler algorithm: motions from the base
     to the tips, then forces from the tips to the base. Arguments are those of
@@ -268,6 +272,8 @@ def _newton_euler(
     zero = array([0.0] * 3)
     # The base accelerates against gravity, which puts the weight into the inertial forces.
     base = _BodyMotion(zero, zero, -tree.gravity)
+    if root is not None:
+        base = _BodyMotion(root.omega, root.alpha, root.acceleration)
     motions: list[_BodyMotion] = []
     forces = []
     torques = []
@@ -386,6 +392,7 @@ def tree_forward_dynamics(
     v: np.ndarray,
     effort: np.ndarray,
     external_forces: Sequence[ExternalForce] = (),
+    root: RootMotion | None = None,
 ) -> np.ndarray:
     """Return the accelerations that generalized forces cause, as `pin.aba` does.
 
@@ -407,13 +414,16 @@ def tree_forward_dynamics(
         v: Rates of the coordinates, shape (n,).
         effort: Generalized forces, damping and springs among them, shape (n,).
         external_forces: Forces from outside.
+        root: Motion of the frame in which the tree stands; None for one at rest.
     """
     last = len(tree) - 1
     if not _is_sliding_point(tree, last):
-        resisting = tree_inverse_dynamics(tree, poses, v, external_forces=external_forces)
+        resisting = tree_inverse_dynamics(
+            tree, poses, v, external_forces=external_forces, root=root
+        )
         return solve_linear(mass_matrix(tree, poses), effort - resisting)
     resisting = tree_inverse_dynamics(
-        tree, poses, v, external_forces=external_forces, pulled=(last, effort[last])
+        tree, poses, v, external_forces=external_forces, pulled=(last, effort[last]), root=root
     )
     masses = tree.mass.copy()
     masses[last] = 0.0

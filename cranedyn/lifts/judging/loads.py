@@ -137,10 +137,12 @@ def loads(
             `cranedyn.lifts.planning.site.Site` [rad].
 
     Raises:
-        OutOfRange: If the run is of another crane, or a number or a load is not finite.
+        OutOfRange: If the run is of another crane or on a base that moves, or a number or a load is
+            not finite.
         MissingRole: If there are arms, and no joint is a trolley.
     """
     run.check_coordinates(crane.layout.columns()["q"])
+    run.check_base_at_rest("the computation of loads")
     buffers = run.parameters.get("validity") == "buffers"
     columns = loads_of_rows(
         crane,

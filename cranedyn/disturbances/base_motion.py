@@ -1,0 +1,508 @@
+"""Prescribed motion of the base on which a crane stands: a ship, a barge, a floating dock, a truck.
+
+The base has a frame that coincides with the world while the base is at rest: the frame of the root
+of the crane's URDF. Six coordinates say where it is:
+
+* surge, sway and heave [m]: displacement of its origin along the axes X, Y and Z of the world;
+* roll, pitch and yaw [rad]: its attitude. It is R = Rz(yaw) Ry(pitch) Rx(roll), which turns vectors
+  of the base into the world: rotations about the axes X, Y and Z of the world, which stay where
+  they are, in this order; or about those of the base in the reverse order. Each is positive in the
+  right-handed sense, as are the angles rpy of URDF.
+
+`cranedyn.simulation.simulate.simulate` takes a motion as `base=`. It needs accelerations, so that a
+motion is known with its first two derivatives by time.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from cranedyn.checks import ShortRepr, finite, number
+from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
+
+    from cranedyn.disturbances.waves import Jonswap, Raos
+
+COORDINATES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
+"""Coordinates of a base, in the order of all arrays."""
+
+UNITS = ("m", "m", "m", "rad", "rad", "rad")
+"""Unit of each of them."""
+
+MAX_PITCH = 1.5
+"""Largest pitch [rad]; at π/2 roll and yaw turn about the same axis, so that neither is determined.
+"""
+
+_LEAST_ROWS = 6
+"""Rows that a table needs for a spline of degree five."""
+
+_SPLINE_DEGREE = 5
+"""Degree of the spline through a table: its second derivative is twice differentiable."""
+
+_TIME_TOLERANCE = 1e-9
+"""Round-off of a time at the ends of a table [s]."""
+
+
+class BaseCoordinates(NamedTuple):
+    """Coordinates of a base at k times, in the order of `COORDINATES`.
+
+    Attributes:
+        position: Coordinates [m and rad], shape (k, 6).
+        velocity: Their rates, shape (k, 6).
+        acceleration: Their accelerations, shape (k, 6).
+    """
+
+    position: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+
+class BaseFrames(NamedTuple):
+    """Frame of a base at k times.
+
+    Attributes:
+        rotation: Attitude, from the axes of the base to those of the world, shape (k, 3, 3).
+        origin: Displacement of the origin in the world [m], shape (k, 3).
+        velocity: Its velocity in the world [m/s], shape (k, 3).
+        acceleration: Its acceleration in the world [m/s²], shape (k, 3).
+        omega: Angular velocity in the axes of the base [rad/s], shape (k, 3).
+        alpha: Angular acceleration in the axes of the base [rad/s²], shape (k, 3).
+    """
+
+    rotation: np.ndarray
+    origin: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+    omega: np.ndarray
+    alpha: np.ndarray
+
+    def root_numbers(self, gravity: np.ndarray) -> np.ndarray:
+        """Return what a crane on the base feels, shape (k, 9), in the order of
+        `cranedyn.dynamics.root_motion.RootMotion`.
+
+        Args:
+            gravity: Gravity in the world [m/s²], shape (3,).
+        """
+        felt = np.einsum("kij,ki->kj", self.rotation, self.acceleration - gravity)
+        return np.hstack([self.omega, self.alpha, felt])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BaseMotion(ShortRepr):
+    """Motion of a base over time, see the module for its coordinates and their signs.
+
+    Make one by `from_table`, `from_file`, `sines` or `from_waves`, or with a function of your own.
+
+    Attributes:
+        function: From times [s], shape (k,), to the coordinates with rates and accelerations, a
+            `BaseCoordinates` or three arrays of shape (k, 6). It must be able to take all times
+            from `first` to `last`.
+        first: Earliest time for which the motion is known [s].
+        last: Latest time for which it is known [s].
+        source: Where it comes from, in words, for the record of a run.
+    """
+
+    function: Callable[[np.ndarray], BaseCoordinates]
+    first: float = -math.inf
+    last: float = math.inf
+    source: str = "a function"
+
+    @classmethod
+    def from_table(
+        cls, t: Sequence[float] | np.ndarray, **columns: Sequence[float] | np.ndarray
+    ) -> BaseMotion:
+        """Return the motion on the spline of degree five through a table.
+
+        The spline is four times differentiable, so that accelerations are smooth; its ends take no
+        condition beyond the rows ("not a knot"). Times outside of the table are refused.
+
+        Args:
+            t: Times [s], increasing, six rows or more.
+            columns: Coordinates at these times by their names [m or rad], for example
+                ``heave=[...]``; those that are left out stay zero.
+
+        Raises:
+            UnknownName: If there is no coordinate of a name.
+            Misshapen: If an array has another length than the times.
+            OutOfRange: If a number is not finite, times do not increase, or there are too few rows.
+        """
+        return _from_columns(t, columns, f"a table of {len(t)} rows")
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> BaseMotion:
+        """Return the motion of a table in a ``.csv`` or ``.parquet`` file, see `from_table`.
+
+        The column ``t_s`` has the times. Those of the coordinates are ``surge_m``, ``sway_m``,
+        ``heave_m``, ``roll_rad`` or ``roll_deg``, and so on, or, as in the record of a run,
+        ``base_heave_m`` and so on. Coordinates without a column stay zero.
+
+        Raises:
+            DataError: If the file cannot be read, has no column of a coordinate, or two of one.
+            OutOfRange: As `from_table`.
+        """
+        from cranedyn.data.tables import column_names
+        from cranedyn.data.trajectory import read_columns
+
+        found = _columns_of_coordinates(column_names(path), path)
+        values = read_columns(path, ["t_s", *(name for name, _ in found.values())])
+        columns = {name: values[column] * scale for name, (column, scale) in found.items()}
+        return _from_columns(values["t_s"], columns, f"the file {Path(path).name}")
+
+    @classmethod
+    def sines(cls, **waves: Sequence[float]) -> BaseMotion:
+        """Return harmonic motions: amplitude · sin(2π t/period + phase).
+
+        Args:
+            waves: Amplitude [m or rad], period [s] and, if it is not zero, phase [rad] of each
+                coordinate by its name, for example ``heave=(1.0, 8.0), roll=(0.03, 10.0, 1.6)``.
+
+        Raises:
+            UnknownName: If there is no coordinate of a name.
+            OutOfRange: If a period is not positive, or a number is not finite.
+        """
+        amplitude = np.zeros((1, len(COORDINATES)))
+        frequency = np.ones((1, len(COORDINATES)))
+        phase = np.zeros((1, len(COORDINATES)))
+        for name, values in waves.items():
+            column = coordinate_index(name)
+            try:
+                given = [*values, 0.0] if len(values) == 2 else [*values]
+                given_amplitude, period, given_phase = given
+            except (TypeError, ValueError):
+                allowed = "an amplitude, a period and, if you like, a phase"
+                raise OutOfRange(f"{name} of the base", values, allowed) from None
+            unit = UNITS[column]
+            amplitude[0, column] = number(f"amplitude of {name}", given_amplitude, unit)
+            frequency[0, column] = 2.0 * math.pi / number(f"period of {name}", period, "s", "> 0")
+            phase[0, column] = number(f"phase of {name}", given_phase, "rad")
+        return cls(Harmonics(amplitude, frequency, phase), source=f"sines of {', '.join(waves)}")
+
+    @classmethod
+    def from_waves(
+        cls,
+        spectrum: Jonswap,
+        *,
+        raos: Raos | str | Path,
+        seed: int,
+        heading: float | None = None,
+        components: int = 200,
+    ) -> BaseMotion:
+        """Return the motion of a ship without speed in long-crested waves, one realisation of a
+        sea, see `cranedyn.disturbances.waves`.
+
+        Args:
+            spectrum: Spectrum of the waves, a `Jonswap`.
+            raos: Response amplitude operators of the ship, or a file with them, see
+                `Raos.from_file`.
+            seed: Seed of the random phases; the same seed gives the same motion.
+            heading: Direction in which the waves travel, from the ship's X towards its Y [°]: 180
+                for head seas. One of those in the file; None for a file with none or one.
+            components: Number of waves.
+
+        Raises:
+            DataError: If the file cannot be read, or columns are missing.
+            OutOfRange: If a number is out of its range, or the operators do not cover the waves.
+        """
+        from cranedyn.disturbances import waves
+
+        if not isinstance(raos, waves.Raos):
+            raos = waves.Raos.from_file(raos, heading)
+        elif heading is not None and heading != raos.heading:
+            allowed = f"that of the RAOs, {raos.heading}, or none"
+            raise OutOfRange("heading of the waves", heading, allowed, "°")
+        return waves.motion_in_waves(spectrum, raos, seed=seed, components=components)
+
+    def at(self, times: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates with rates and accelerations at times [s], shape (k,).
+
+        Raises:
+            OutOfRange: If a time is not one for which the motion is known, a number is not finite,
+                or the pitch is beyond `MAX_PITCH`.
+            Misshapen: If the function returns arrays of another shape.
+            CraneError: If the function raises an error, which is then its cause.
+        """
+        times = np.asarray(times, dtype=float)
+        self._check_covers(times)
+        inside = np.clip(times, self.first, self.last)
+        try:
+            answer = self.function(inside)
+            position, velocity, acceleration = answer
+        except CraneError:
+            raise
+        except Exception as error:
+            message = f"The function of the base failed: {format_error(error)}"
+            raise CraneError(message) from error
+        shape = (len(times), len(COORDINATES))
+        coordinates = BaseCoordinates(
+            finite("coordinates of the base", position, shape),
+            finite("rates of the base", velocity, shape),
+            finite("accelerations of the base", acceleration, shape),
+        )
+        largest = float(np.abs(coordinates.position[:, 4]).max(initial=0.0))
+        if largest > MAX_PITCH:
+            raise OutOfRange("pitch of the base", largest, f"-{MAX_PITCH} to {MAX_PITCH}", "rad")
+        return coordinates
+
+    def _check_covers(self, times: np.ndarray) -> None:
+        """Check that the motion is known at times [s].
+
+        Raises:
+            OutOfRange: If it is not.
+        """
+        if not len(times):
+            return
+        for t in (float(times.min()), float(times.max())):
+            if not self.first - _TIME_TOLERANCE <= t <= self.last + _TIME_TOLERANCE:
+                allowed = f"{self.first:g} to {self.last:g}, for which {self.source} is given"
+                raise OutOfRange("time at which the base is needed", t, allowed, "s")
+
+    def frames(self, times: np.ndarray) -> BaseFrames:
+        """Return the frames of the base at times [s], shape (k,).
+
+        The angular velocity in the axes of the base, with roll φ, pitch θ and yaw ψ, is
+
+            ω = (φ̇ - ψ̇ sin θ,  θ̇ cos φ + ψ̇ cos θ sin φ,  -θ̇ sin φ + ψ̇ cos θ cos φ),
+
+        and α is its derivative by time, as the axes of the base turn with ω themselves.
+
+        Raises:
+            OutOfRange: As `at`.
+        """
+        position, velocity, acceleration = self.at(times)
+        roll, pitch, _ = position[:, 3:].T
+        roll_rate, pitch_rate, yaw_rate = velocity[:, 3:].T
+        roll_acceleration, pitch_acceleration, yaw_acceleration = acceleration[:, 3:].T
+        sin_roll = np.sin(roll)
+        cos_roll = np.cos(roll)
+        sin_pitch = np.sin(pitch)
+        cos_pitch = np.cos(pitch)
+
+        # Components of the rate of yaw along the axes of the base, and their derivatives.
+        yaw_x = -sin_pitch
+        yaw_y = cos_pitch * sin_roll
+        yaw_z = cos_pitch * cos_roll
+        yaw_x_rate = -cos_pitch * pitch_rate
+        yaw_y_rate = -sin_pitch * sin_roll * pitch_rate + cos_pitch * cos_roll * roll_rate
+        yaw_z_rate = -sin_pitch * cos_roll * pitch_rate - cos_pitch * sin_roll * roll_rate
+
+        omega = np.stack(
+            [
+                roll_rate + yaw_rate * yaw_x,
+                pitch_rate * cos_roll + yaw_rate * yaw_y,
+                -pitch_rate * sin_roll + yaw_rate * yaw_z,
+            ],
+            axis=1,
+        )
+        alpha = np.stack(
+            [
+                roll_acceleration + yaw_acceleration * yaw_x + yaw_rate * yaw_x_rate,
+                pitch_acceleration * cos_roll
+                - pitch_rate * sin_roll * roll_rate
+                + yaw_acceleration * yaw_y
+                + yaw_rate * yaw_y_rate,
+                -pitch_acceleration * sin_roll
+                - pitch_rate * cos_roll * roll_rate
+                + yaw_acceleration * yaw_z
+                + yaw_rate * yaw_z_rate,
+            ],
+            axis=1,
+        )
+        return BaseFrames(
+            rotation=rotations(position[:, 3:]),
+            origin=position[:, :3],
+            velocity=velocity[:, :3],
+            acceleration=acceleration[:, :3],
+            omega=omega,
+            alpha=alpha,
+        )
+
+    def world_velocities(self, t: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
+        """Return the velocities of points in the world [m/s], shape (points, 3), at a time [s].
+
+        Args:
+            t: The time.
+            position: Positions of the points in the frame of the base [m], shape (points, 3).
+            velocity: Their velocities relative to the base, in its axes [m/s], shape (points, 3).
+        """
+        frames = self.frames(np.array([t]))
+        in_base_axes = velocity + np.cross(frames.omega[0], position)
+        return frames.velocity[0] + in_base_axes @ frames.rotation[0].T
+
+    def seen_at(self, point: Sequence[float]) -> BaseMotion:
+        """Return the motion of a crane that stands elsewhere on the base.
+
+        A ship's motion is most often given for its centre of gravity, and the crane stands on the
+        deck. The origin of the crane then moves by r + (R - 1) p, with the displacement r and the
+        attitude R of the ship; its attitude is that of the ship.
+
+        Args:
+            point: Place p of the crane's origin in the frame of the ship [m], shape (3,).
+
+        Raises:
+            OutOfRange: If a number is not finite.
+        """
+        lever = finite("place of the crane on the base", point, (3,), unit="m")
+
+        def moved(times: np.ndarray) -> BaseCoordinates:
+            coordinates = self.at(times)
+            frames = self.frames(times)
+            # In the axes of the base: velocity and acceleration of the point beyond the origin's.
+            turning = np.cross(frames.omega, lever)
+            accelerating = np.cross(frames.alpha, lever) + np.cross(frames.omega, turning)
+            position = coordinates.position.copy()
+            velocity = coordinates.velocity.copy()
+            acceleration = coordinates.acceleration.copy()
+            position[:, :3] += frames.rotation @ lever - lever
+            velocity[:, :3] += np.einsum("kij,kj->ki", frames.rotation, turning)
+            acceleration[:, :3] += np.einsum("kij,kj->ki", frames.rotation, accelerating)
+            return BaseCoordinates(position, velocity, acceleration)
+
+        return BaseMotion(moved, self.first, self.last, f"{self.source}, seen at {lever.tolist()}")
+
+
+@dataclass(frozen=True, eq=False)
+class Harmonics:
+    """Sums of k sines for each coordinate: Σ amplitude · sin(frequency · t + phase).
+
+    Attributes:
+        amplitude: Amplitudes [m or rad], shape (k, 6).
+        frequency: Angular frequencies [rad/s], shape (k, 6).
+        phase: Phases [rad], shape (k, 6).
+    """
+
+    amplitude: np.ndarray
+    frequency: np.ndarray
+    phase: np.ndarray
+
+    def __call__(self, times: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates with rates and accelerations at times [s], shape (k,)."""
+        position = np.zeros((len(times), len(COORDINATES)))
+        velocity = np.zeros_like(position)
+        acceleration = np.zeros_like(position)
+        for column in range(len(COORDINATES)):
+            moves = self.amplitude[:, column] != 0.0
+            if not moves.any():
+                continue
+            amplitude = self.amplitude[moves, column]
+            frequency = self.frequency[moves, column]
+            angle = np.multiply.outer(times, frequency) + self.phase[moves, column]
+            sine = np.sin(angle)
+            position[:, column] = sine @ amplitude
+            velocity[:, column] = np.cos(angle) @ (amplitude * frequency)
+            acceleration[:, column] = -sine @ (amplitude * frequency**2)
+        return BaseCoordinates(position, velocity, acceleration)
+
+
+@dataclass(frozen=True, eq=False)
+class Spline:
+    """Coordinates on splines of degree five through a table.
+
+    Attributes:
+        t: Times of the table [s], shape (rows,).
+        values: Coordinates at these times [m or rad], shape (rows, 6).
+    """
+
+    t: np.ndarray
+    values: np.ndarray
+
+    def __call__(self, times: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates with rates and accelerations at times [s], shape (k,)."""
+        position, velocity, acceleration = self._splines
+        return BaseCoordinates(position(times), velocity(times), acceleration(times))
+
+    @cached_property
+    def _splines(self) -> tuple[BSpline, BSpline, BSpline]:
+        """The spline and its first two derivatives."""
+        # SciPy's splines take a while to import, and few runs need them.
+        from scipy.interpolate import make_interp_spline
+
+        position = make_interp_spline(self.t, self.values, k=_SPLINE_DEGREE)
+        return position, position.derivative(1), position.derivative(2)
+
+
+def rotations(angles: np.ndarray) -> np.ndarray:
+    """Return the attitudes Rz(yaw) Ry(pitch) Rx(roll), shape (k, 3, 3), of roll, pitch and yaw
+    [rad], shape (k, 3).
+    """
+    sin_roll, sin_pitch, sin_yaw = np.sin(angles).T
+    cos_roll, cos_pitch, cos_yaw = np.cos(angles).T
+    rows = [
+        [
+            cos_yaw * cos_pitch,
+            cos_yaw * sin_pitch * sin_roll - sin_yaw * cos_roll,
+            cos_yaw * sin_pitch * cos_roll + sin_yaw * sin_roll,
+        ],
+        [
+            sin_yaw * cos_pitch,
+            sin_yaw * sin_pitch * sin_roll + cos_yaw * cos_roll,
+            sin_yaw * sin_pitch * cos_roll - cos_yaw * sin_roll,
+        ],
+        [-sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll],
+    ]
+    return np.array(rows).transpose(2, 0, 1)
+
+
+def coordinate_index(name: str) -> int:
+    """Return the index of a coordinate by its name.
+
+    Raises:
+        UnknownName: If there is none.
+    """
+    if name not in COORDINATES:
+        raise UnknownName("coordinate of the base", name, COORDINATES)
+    return COORDINATES.index(name)
+
+
+def _from_columns(
+    t: Sequence[float] | np.ndarray,
+    columns: Mapping[str, Sequence[float] | np.ndarray],
+    source: str,
+) -> BaseMotion:
+    """Return the motion on the spline through a table, see `BaseMotion.from_table`."""
+    times = finite("times of the base", t, ("n",), unit="s")
+    if len(times) < _LEAST_ROWS:
+        raise OutOfRange("number of rows of the base", len(times), f"{_LEAST_ROWS} or more")
+    later = np.diff(times) > 0.0
+    if not later.all():
+        row = int(np.argmin(later)) + 1
+        allowed = f"later than the row before, at {times[row - 1]:g} s (row {row + 1})"
+        raise OutOfRange("time of the base", float(times[row]), allowed, "s")
+    values = np.zeros((len(times), len(COORDINATES)))
+    for name, column in columns.items():
+        index = coordinate_index(name)
+        values[:, index] = finite(f"{name} of the base", column, (len(times),), unit=UNITS[index])
+    return BaseMotion(Spline(times, values), float(times[0]), float(times[-1]), source)
+
+
+def _columns_of_coordinates(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, float]]:
+    """Return for each coordinate in a file the column that holds it, and the factor to its unit.
+
+    Raises:
+        DataError: If there is none, or a coordinate has two columns.
+    """
+    found: dict[str, tuple[str, float]] = {}
+    for name, unit in zip(COORDINATES, UNITS, strict=True):
+        scales = {f"{name}_{unit}": 1.0, f"base_{name}_{unit}": 1.0}
+        if unit == "rad":
+            scales[f"{name}_deg"] = math.pi / 180.0
+        present = [column for column in scales if column in names]
+        if len(present) > 1:
+            both = " and ".join(present)
+            raise DataError(f"{path} has two columns of {name}, {both}; leave one of them out.")
+        if present:
+            found[name] = (present[0], scales[present[0]])
+    if not found:
+        raise DataError(
+            f"{path} has no column of a motion of the base; it needs t_s and one of surge_m, "
+            "sway_m, heave_m, roll_rad, roll_deg, pitch_rad, pitch_deg, yaw_rad, yaw_deg."
+        )
+    return found
