@@ -8,15 +8,18 @@ from __future__ import annotations
 import argparse
 import math
 import sys
-from collections.abc import Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, cast, get_args
 
-from cranedyn.checks import number, within
+from cranedyn.checks import check_choice, number, within
 from cranedyn.command import FAILED, Parser, command
+from cranedyn.errors import printable
+from cranedyn.interfaces import EngineName
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
+from cranedyn.lifts.judging.plan_record import PlanOptions
 from cranedyn.verdict import Verdict
 from experiments import harness
 from experiments.harness.arguments import command_name
@@ -24,6 +27,8 @@ from experiments.scenarios.moves import LIMITS
 
 if TYPE_CHECKING:
     from cranedyn.lifts.judging.judgement import Judgement
+    from cranedyn.lifts.judging.plan_writing import PlanSource
+    from cranedyn.lifts.planning.site import Site
 
 CRANE = (
     "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
@@ -32,12 +37,69 @@ CRANE = (
 """Help of the option of that name."""
 
 
-def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
+def plan_options(options: argparse.Namespace, setup: harness.Setup) -> PlanOptions:
+    """Return what a command line judges a lift with, as the record of a plan holds it."""
+
+    def name_of(file: str | None) -> str | None:
+        """Return the name of a file without its folder, which another machine does not have."""
+        return None if file is None else printable(Path(file).name)
+
+    return PlanOptions(
+        site=name_of(options.site) or "open_yard",
+        chart=name_of(options.chart),
+        crane=name_of(options.crane),
+        load=options.load,
+        falls=options.falls,
+        hoisting=options.hoisting,
+        drive=options.drive,
+        wind=options.wind,
+        swing=options.swing,
+        risk=options.risk,
+        lifts=options.lifts,
+        gusts=options.gusts,
+        gravity=setup.gravity,
+        dt=setup.dt,
+        control_period=setup.control_period,
+        engine=setup.engine,
+        values={name: _plain(value) for name, value in setup.values.items()},
+    )
+
+
+def _plain(value: object) -> float | str:
+    """Return a number of the crane as JSON holds it."""
+    return value if isinstance(value, int | float) else str(value)
+
+
+def judge_plan(
+    options: PlanOptions,
+    *,
+    site: str | Path,
+    chart: str | Path | None = None,
+    crane: str | Path | None = None,
+    change: Callable[[Site], Site] = lambda site: site,
+    progress: Callable[[int], None] = lambda done: None,
+) -> Judgement:
+    """Judge a lift as a plan records it.
+
+    Args:
+        options: What it is judged with beside the files.
+        site: The site file, or the name of an example.
+        chart: The chart file, or the name of an example; None for that of the site.
+        crane: The file of the crane; None for that of the site.
+        change: What to change of the site after it is read, such as where the crane stands.
+        progress: Called after each of three stages.
+
+    Raises:
+        CraneError: As `cranedyn.lifts.judging.judgement.judge`, or if a value is out of its range.
+    """
     from cranedyn.lifts.judging.analysis import Requirements
     from cranedyn.lifts.judging.judgement import judge
     from cranedyn.lifts.planning.lift import crane_of
     from cranedyn.lifts.planning.site_file import read_site
 
+    check_choice("hoisting", options.hoisting, HoistingClass)
+    check_choice("drive", options.drive, DriveClass)
+    check_choice("engine", options.engine, EngineName)
     requirements = Requirements(
         wind=options.wind,
         swing=None
@@ -49,28 +111,29 @@ def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
         lifts=options.lifts,
         gusts=options.gusts,
     )
-    chart = None if options.chart is None else read_chart(options.chart)
-    site = read_site(options.site or "open_yard")
+    entered_chart = None if chart is None else read_chart(chart)
+    judged_site = change(read_site(site))
     if options.load is not None:
         # The mass of all that hangs, so that the rigging of the site's file is not added to it.
         load = number("load", options.load, "kg", "> 0")
-        crane_values = {**site.crane, "payload_mass": load}
-        site = replace(site, crane=crane_values, rigging={"hook": 0.0, "slings": 0.0})
-    if chart is not None:
-        chart.on(options.falls)
+        crane_values = {**judged_site.crane, "payload_mass": load}
+        no_rigging = {"hook": 0.0, "slings": 0.0}
+        judged_site = replace(judged_site, crane=crane_values, rigging=no_rigging)
+    if entered_chart is not None:
+        entered_chart.on(options.falls)
     return judge(
-        site,
-        chart,
+        judged_site,
+        entered_chart,
         requirements,
         falls=options.falls,
-        crane=crane_of(site, gravity=setup.gravity, urdf=options.crane, **setup.values),
+        crane=crane_of(judged_site, gravity=options.gravity, urdf=crane, **options.values),
         limits=LIMITS,
-        hoisting=options.hoisting,
-        drive=options.drive,
-        period=setup.control_period,
-        dt=setup.dt,
-        engine=setup.engine,
-        progress=setup.reporter.count("plan, perturbed lifts, wind", 3),
+        hoisting=cast("HoistingClass", options.hoisting),
+        drive=cast("DriveClass", options.drive),
+        period=options.control_period,
+        dt=options.dt,
+        engine=cast("EngineName", options.engine),
+        progress=progress,
     )
 
 
@@ -103,37 +166,76 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     )
 
 
+@dataclass(frozen=True)
+class _Judged:
+    """A lift that was judged, and what its plan is written with.
+
+    Attributes:
+        judgement: The judgement.
+        folder: Folder of the experiment.
+        command_line: The command that makes the numbers again.
+        plan: Options and files of the plan.
+    """
+
+    judgement: Judgement
+    folder: Path
+    command_line: str
+    plan: PlanSource
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line, then write the page and, where a browser is there, the PDF."""
-    judged: list[tuple[Judgement, Path, str]] = []
+    judged: list[_Judged] = []
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+        from cranedyn.lifts.judging.plan_folder import next_revision
+        from cranedyn.lifts.judging.plan_writing import PlanSource
+
+        # Before the lift is judged, which takes long: whether the plan can be written, and what it
+        # is made of.
+        next_revision(options.folder)
+        site = options.site or "open_yard"
+        plan = PlanSource.of(plan_options(options, setup), site, options.chart, options.crane)
+        judgement = judge_plan(
+            plan.options,
+            site=site,
+            chart=options.chart,
+            crane=options.crane,
+            progress=setup.reporter.count("plan, perturbed lifts, wind", 3),
+        )
         command_line = " ".join([command_name("lift_report"), *options.argv])
-        judged.append((_judge(options, setup), options.folder, command_line))
-        return _outcome(judged[0][0], command_line)
+        judged.append(_Judged(judgement, options.folder, command_line, plan))
+        return _outcome(judgement, command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
-    return command(lambda: write_pages(*judged[0])) if judged and code in (0, FAILED) else code
+    if not judged or code not in (0, FAILED):
+        return code
+    one = judged[0]
+    return command(lambda: write_pages(one.judgement, one.folder, one.command_line, one.plan))
 
 
-def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
-    """Write the page and, where a browser is installed, the PDF; return the exit code.
+def write_pages(judgement: Judgement, folder: Path, command_line: str, plan: PlanSource) -> int:
+    """Write the page, where a browser is installed the PDF, and the record of the plan; return the
+    exit code.
 
     Args:
         judgement: The judged lift.
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
+        plan: Options and files of the plan.
     """
-    from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
+    from cranedyn.lifts.judging.plan_writing import write_plan
 
-    page = judgement.report(folder / "lift.html", command_line)
+    written = write_plan(judgement, folder, command_line, plan)
     for sentence in judgement.analysis.unusual:
         print(f"Unusual: {sentence}")
-    print(f"{judgement.word}: {page}.")
-    try:
-        print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")
-    except NoBrowser as error:
-        print(f"No PDF: {error}", file=sys.stderr)
+    print(f"{judgement.word}: {written.page}.")
+    if written.pdf is not None:
+        print(f"On paper: {written.pdf}.")
+    else:
+        print(f"No PDF: {written.why_no_pdf}", file=sys.stderr)
+    record = written.record
+    print(f"Plan: {written.path}, revision {record.revision}, digest {record.short_digest}.")
     return 0 if judgement.verdict is Verdict.HOLDS else FAILED
 
 
