@@ -23,12 +23,25 @@ from cranedyn.lifts.judging.plan_record import PlanOptions
 from cranedyn.verdict import Verdict
 from experiments import harness
 from experiments.harness.arguments import command_name
+from experiments.lift_comparison import (
+    COARSE_GUSTS,
+    COARSE_LIFTS,
+    add_comparison,
+    compare_lifts,
+    comparison_asked_for,
+)
 from experiments.scenarios.moves import LIMITS
 
 if TYPE_CHECKING:
     from cranedyn.lifts.judging.judgement import Judgement
     from cranedyn.lifts.judging.plan_writing import PlanSource
     from cranedyn.lifts.planning.site import Site
+
+LIFTS = 10_000
+"""Number of perturbed lifts where none is given."""
+
+GUSTS = 32
+"""Number of gusts at each speed where none is given."""
 
 CRANE = (
     "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
@@ -55,14 +68,23 @@ def plan_options(options: argparse.Namespace, setup: harness.Setup) -> PlanOptio
         wind=options.wind,
         swing=options.swing,
         risk=options.risk,
-        lifts=options.lifts,
-        gusts=options.gusts,
+        lifts=_count(options.lifts, LIFTS, COARSE_LIFTS, options),
+        gusts=_count(options.gusts, GUSTS, COARSE_GUSTS, options),
         gravity=setup.gravity,
         dt=setup.dt,
         control_period=setup.control_period,
         engine=setup.engine,
         values={name: _plain(value) for name, value in setup.values.items()},
     )
+
+
+def _count(given: int | None, usual: int, coarse: int, options: argparse.Namespace) -> int:
+    """Return a number of lifts or gusts: as given, or else the usual one, in a comparison a
+    smaller one.
+    """
+    if given is not None:
+        return given
+    return coarse if comparison_asked_for(options) else usual
 
 
 def _plain(value: object) -> float | str:
@@ -191,6 +213,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         from cranedyn.lifts.judging.plan_folder import next_revision
         from cranedyn.lifts.judging.plan_writing import PlanSource
 
+        if comparison_asked_for(options):
+            return compare_lifts(options, plan_options(options, setup), setup)
         # Before the lift is judged, which takes long: whether the plan can be written, and what it
         # is made of.
         next_revision(options.folder)
@@ -260,8 +284,11 @@ def _parser() -> Parser:
     add("--swing", type=float, metavar="DEG", help=text)
     text = "largest probability that a perturbed lift comes closer than required, in percent; that "
     add("--risk", type=float, metavar="P", help=f"{text}of the site")
-    add("--lifts", type=int, default=10_000, metavar="N", help="perturbed lifts; 0: not judged")
-    add("--gusts", type=int, default=32, metavar="N", help="gusts in each wind; 0: not judged")
+    text = f"perturbed lifts, 0: not judged; {LIFTS}, of each case of a comparison {COARSE_LIFTS}"
+    add("--lifts", type=int, metavar="N", help=text)
+    text = f"gusts in each wind, 0: not judged; {GUSTS}, in a comparison {COARSE_GUSTS}"
+    add("--gusts", type=int, metavar="N", help=text)
+    add_comparison(parser)
     return parser
 
 
