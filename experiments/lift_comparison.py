@@ -96,6 +96,7 @@ def _judged(
     """
     from cranedyn.lifts.judging.comparison import ComparedCase, refused
     from cranedyn.sweep import Design, results, sweep
+    from cranedyn.sweep.study import code_digest, source_digests, study_name
 
     # With the digests of their files, so that cases of a changed file are judged again.
     digests = {}
@@ -112,7 +113,9 @@ def _judged(
             "files": digests[case.site],
         }
         tasks.append(json.dumps(task, sort_keys=True))
-    name = hashlib.sha256("\n".join(tasks).encode()).hexdigest()[:12]
+    # With the code, since a sweep does not go on with what other code has computed.
+    code = code_digest(source_digests(study_name(judge_cases)))
+    name = hashlib.sha256("\n".join([code, *tasks]).encode()).hexdigest()[:12]
     folder = options.folder / f"cases-{name}"
     report = setup.reporter.sweep("cases")
     sweep(
@@ -230,8 +233,8 @@ def _maps(rows: Sequence[ComparedCase], coloured_by: str) -> dict[str, LiftFigur
         own = [row for row in rows if row.case.crane == crane]
         figure = places_map(read_site(file), own, coloured_by=coloured_by, title=crane)
         caption = (
-            f"Places of {crane}, coloured by {COLOURED_BY[coloured_by]}; the reason of each that "
-            "is no GO stands in the table."
+            f"Places of {crane}, coloured by {COLOURED_BY[coloured_by]}. Those that are no GO have "
+            "the number of the row of the table that tells the reason."
         )
         maps[name] = LiftFigure(figure, caption)
     return maps

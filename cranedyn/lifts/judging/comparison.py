@@ -168,6 +168,8 @@ class ComparedCase(NamedTuple):
         wind: Gust that the lift bears [m/s]; None if not judged.
         reason: Why it is no GO: the first check that fails, or else that was not judged, or why it
             was refused; empty for a GO.
+        number: Number of its row in the table, from 1, by which a map names it; 0 before
+            `in_order`.
     """
 
     case: Case
@@ -177,6 +179,7 @@ class ComparedCase(NamedTuple):
     time: float | None = None
     wind: float | None = None
     reason: str = ""
+    number: int = 0
 
 
 def compared(case: Case, judgement: Judgement) -> ComparedCase:
@@ -206,8 +209,8 @@ def refused(case: Case, reason: str) -> ComparedCase:
 
 
 def in_order(rows: Sequence[ComparedCase], key: str = "share") -> list[ComparedCase]:
-    """Return rows in the order of a table: by their words, then by a number, the best first; rows
-    without that number come last among those of their word.
+    """Return rows in the order of a table, numbered: by their words, then by a quantity, the best
+    first; rows without that quantity come last among those of their word.
 
     Args:
         rows: The rows.
@@ -221,7 +224,8 @@ def in_order(rows: Sequence[ComparedCase], key: str = "share") -> list[ComparedC
         better = -value if key in _LARGER_IS_BETTER else value
         return WORD_ORDER.index(row.word), False, better
 
-    return sorted(rows, key=rank)
+    ranked = sorted(rows, key=rank)
+    return [row._replace(number=i) for i, row in enumerate(ranked, start=1)]
 
 
 # --- which cases ----------------------------------------------------------------------------------

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 _TEMPLATE = Path(__file__).with_name("templates") / "comparison.html"
 
 _COLUMNS = [
+    ("no.", "d"),
     ("crane", ""),
     ("lift", ""),
     ("x [m]", ".1f"),
@@ -63,6 +64,7 @@ def comparison_table(rows: Sequence[ComparedCase], note: str) -> Table:
         place = row.case.place
         cells.append(
             [
+                row.number,
                 row.case.crane,
                 None if row.case.lift is None else row.case.lift.name,
                 None if place is None else place.x,
@@ -106,7 +108,8 @@ def places_map(
     site: Site, rows: Sequence[ComparedCase], *, coloured_by: str = "share", title: str = ""
 ) -> Figure:
     """Draw the places of a crane on the plan of its site: a colour for each by share of capacity or
-    time, and a marker by its verdict. Of several lifts from one place the worst counts.
+    time, and a marker by its verdict. Of several lifts from one place the worst counts. A place
+    that is no GO has the number of its row in the table, where the reason stands.
 
     Args:
         site: The site.
@@ -135,6 +138,8 @@ def places_map(
             colour = "#CC3311" if value is None else _COLOUR_MAP(norm(scale * value))
             point = _point_of(row)
             ax.scatter(*point, color=[colour], marker=_MARKERS[word], s=90, zorder=3)
+            if word != "GO":
+                ax.annotate(f"{row.number}", point, xytext=(7, 5), textcoords="offset points")
     counts = Counter(row.word for row in worst)
     for word in WORD_ORDER:
         if counts[word]:

@@ -195,7 +195,10 @@ def _disk_checks(record: PlanRecord, disk: _OnDisk) -> list[Check]:
 
 def _change_checks(what: str, changes: Sequence[str]) -> list[Check]:
     """Return a check that fails for each change, up to `MAX_CHANGES` of them."""
-    checks = [Check(f"{what}: {change}.", False) for change in changes[:MAX_CHANGES]]
+    checks = []
+    for change in changes[:MAX_CHANGES]:
+        # Sentences of checks have their full stop already.
+        checks.append(Check(f"{what}: {change.removesuffix('.')}.", False))
     if len(changes) > MAX_CHANGES:
         checks.append(Check(f"{what}: {len(changes) - MAX_CHANGES} more differ.", False))
     return checks
