@@ -514,7 +514,7 @@ def _run_verify(parser: _Parser, options: argparse.Namespace) -> int:
 def _sign(parser: _Parser) -> None:
     """Note that somebody accepts a lift plan, so that it is never written over.
 
-    Example: cranedyn sign out/lift_report/lift.json --by "A. Planner" --role approved
+    Example: cranedyn sign out/lift_report/lift.json --by "A. Planner"
     """
     from cranedyn.lifts.judging.plan_record import ROLES
 

@@ -20,17 +20,11 @@ from cranedyn.lifts.judging.plan_inputs import collect_files
 from cranedyn.lifts.judging.plan_record import PlanOptions
 from experiments import harness
 from experiments.harness.arguments import add_condition, command_name
+from experiments.lift_judging import GUSTS, LIFTS, comparison_asked_for, judge_plan
 
 if TYPE_CHECKING:
     from cranedyn.lifts.judging.comparison import Case, ComparedCase
     from cranedyn.lifts.judging.lift_figures import LiftFigure
-
-COARSE_LIFTS = 400
-"""Perturbed lifts of a case of a comparison where none are given. Without a failure they show a
-probability of one of 0.92 % at most, just below the 1 % that is usually allowed."""
-
-COARSE_GUSTS = 2
-"""Gusts at each speed in a case of a comparison where none are given."""
 
 _NUMBERS = ("share", "clearance", "time", "wind")
 """Columns of numbers that a study returns, by the attributes of a compared case."""
@@ -39,22 +33,17 @@ _NUMBERS = ("share", "clearance", "time", "wind")
 def add_comparison(parser: Parser) -> None:
     """Add the options of a comparison."""
     add = parser.add_argument
-    text = "compare cranes: site files, or names of examples, that differ by their crane"
-    add("--cranes", nargs="+", metavar="FILE", help=text)
-    text = "compare places of the crane: a grid x0:x1:n,y0:y1:n [m], or a .csv or .toml file"
+    add("--cranes", nargs="+", metavar="FILE", help="compare cranes: a site file each")
+    text = "compare places: x0:x1:n,y0:y1:n [m], or a .csv or .toml file"
     add("--positions", metavar="WHERE", help=text)
     add("--list", metavar="FILE", help="compare lifts: a .toml file with [[lift]]")
+    common = parser.common.add_argument
     text = "sort a comparison by share of capacity, clearance, time or wind limit"
-    add("--sort", choices=_NUMBERS, default="share", help=text)
-    add("--colour", choices=("share", "time"), default="share", help="colour of its map")
-    add("--workers", type=int, metavar="N", help="processes of a comparison; one per core")
+    common("--sort", choices=_NUMBERS, default="share", help=text)
+    common("--colour", choices=("share", "time"), default="share", help="colour of its map")
+    common("--workers", type=int, metavar="N", help="processes of a comparison; one per core")
     needed = "--cranes, --positions or --list"
     add_condition(parser, needed, comparison_asked_for, "sort", "colour", "workers")
-
-
-def comparison_asked_for(options: argparse.Namespace) -> bool:
-    """Return whether a command line asks for a comparison."""
-    return any((options.cranes, options.positions, options.list))
 
 
 def compare_lifts(
@@ -149,7 +138,6 @@ def judge_cases(columns: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
         CraneError: If a case is refused, such as for lack of a way.
     """
     from cranedyn.lifts.judging.comparison import Case, compared
-    from experiments.lift_report import judge_plan
 
     rows = []
     for text in columns["task"]:
@@ -208,11 +196,11 @@ def _outcome(
 def _note(plan: PlanOptions, key: str) -> str:
     """Return what to know about the table of a comparison: its order, and how coarse it is."""
     note = f"Sorted by verdict, then by {'share of capacity' if key == 'share' else key}."
-    if plan.lifts < 10_000 or plan.gusts < 32:
+    if plan.lifts < LIFTS or plan.gusts < GUSTS:
         note += (
             f" Coarse: {plan.lifts} perturbed lifts and {plan.gusts} gusts at each speed, where a "
-            "lift plan has 10000 and 32. Fewer lifts show a larger probability of coming too near, "
-            "and with fewer gusts the wind limit may be too high."
+            f"lift plan has {LIFTS} and {GUSTS}. Fewer lifts show a larger probability of coming "
+            "too near, and with fewer gusts the wind limit may be too high."
         )
     return note
 

@@ -6,157 +6,37 @@ Utilisation, clearances, factors, wind and robustness on a page that begins with
 from __future__ import annotations
 
 import argparse
-import math
 import sys
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, cast, get_args
+from typing import TYPE_CHECKING, get_args
 
-from cranedyn.checks import check_choice, number, within
 from cranedyn.command import FAILED, Parser, command
-from cranedyn.errors import printable
-from cranedyn.interfaces import EngineName
-from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
-from cranedyn.lifts.judging.plan_record import PlanOptions
 from cranedyn.verdict import Verdict
 from experiments import harness
 from experiments.harness.arguments import command_name
-from experiments.lift_comparison import (
+from experiments.lift_comparison import add_comparison, compare_lifts
+from experiments.lift_judging import (
     COARSE_GUSTS,
     COARSE_LIFTS,
-    add_comparison,
-    compare_lifts,
+    GUSTS,
+    LIFTS,
     comparison_asked_for,
+    judge_plan,
+    plan_options,
 )
-from experiments.scenarios.moves import LIMITS
 
 if TYPE_CHECKING:
     from cranedyn.lifts.judging.judgement import Judgement
     from cranedyn.lifts.judging.plan_writing import PlanSource
-    from cranedyn.lifts.planning.site import Site
-
-LIFTS = 10_000
-"""Number of perturbed lifts where none is given."""
-
-GUSTS = 32
-"""Number of gusts at each speed where none is given."""
 
 CRANE = (
     "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
     "and efforts that it enters; instead of ours"
 )
 """Help of the option of that name."""
-
-
-def plan_options(options: argparse.Namespace, setup: harness.Setup) -> PlanOptions:
-    """Return what a command line judges a lift with, as the record of a plan holds it."""
-
-    def name_of(file: str | None) -> str | None:
-        """Return the name of a file without its folder, which another machine does not have."""
-        return None if file is None else printable(Path(file).name)
-
-    return PlanOptions(
-        site=name_of(options.site) or "open_yard",
-        chart=name_of(options.chart),
-        crane=name_of(options.crane),
-        load=options.load,
-        falls=options.falls,
-        hoisting=options.hoisting,
-        drive=options.drive,
-        wind=options.wind,
-        swing=options.swing,
-        risk=options.risk,
-        lifts=_count(options.lifts, LIFTS, COARSE_LIFTS, options),
-        gusts=_count(options.gusts, GUSTS, COARSE_GUSTS, options),
-        gravity=setup.gravity,
-        dt=setup.dt,
-        control_period=setup.control_period,
-        engine=setup.engine,
-        values={name: _plain(value) for name, value in setup.values.items()},
-    )
-
-
-def _count(given: int | None, usual: int, coarse: int, options: argparse.Namespace) -> int:
-    """Return a number of lifts or gusts: as given, or else the usual one, in a comparison a
-    smaller one.
-    """
-    if given is not None:
-        return given
-    return coarse if comparison_asked_for(options) else usual
-
-
-def _plain(value: object) -> float | str:
-    """Return a number of the crane as JSON holds it."""
-    return value if isinstance(value, int | float) else str(value)
-
-
-def judge_plan(
-    options: PlanOptions,
-    *,
-    site: str | Path,
-    chart: str | Path | None = None,
-    crane: str | Path | None = None,
-    change: Callable[[Site], Site] = lambda site: site,
-    progress: Callable[[int], None] = lambda done: None,
-) -> Judgement:
-    """Judge a lift as a plan records it.
-
-    Args:
-        options: What it is judged with beside the files.
-        site: The site file, or the name of an example.
-        chart: The chart file, or the name of an example; None for that of the site.
-        crane: The file of the crane; None for that of the site.
-        change: What to change of the site after it is read, such as where the crane stands.
-        progress: Called after each of three stages.
-
-    Raises:
-        CraneError: As `cranedyn.lifts.judging.judgement.judge`, or if a value is out of its range.
-    """
-    from cranedyn.lifts.judging.analysis import Requirements
-    from cranedyn.lifts.judging.judgement import judge
-    from cranedyn.lifts.planning.lift import crane_of
-    from cranedyn.lifts.planning.site_file import read_site
-
-    check_choice("hoisting", options.hoisting, HoistingClass)
-    check_choice("drive", options.drive, DriveClass)
-    check_choice("engine", options.engine, EngineName)
-    requirements = Requirements(
-        wind=options.wind,
-        swing=None
-        if options.swing is None
-        else math.radians(within("swing allowed", options.swing, 0.1, 45.0, "degrees")),
-        risk=None
-        if options.risk is None
-        else within("risk allowed", options.risk, 0.0, 100.0, "%") / 100.0,
-        lifts=options.lifts,
-        gusts=options.gusts,
-    )
-    entered_chart = None if chart is None else read_chart(chart)
-    judged_site = change(read_site(site))
-    if options.load is not None:
-        # The mass of all that hangs, so that the rigging of the site's file is not added to it.
-        load = number("load", options.load, "kg", "> 0")
-        crane_values = {**judged_site.crane, "payload_mass": load}
-        no_rigging = {"hook": 0.0, "slings": 0.0}
-        judged_site = replace(judged_site, crane=crane_values, rigging=no_rigging)
-    if entered_chart is not None:
-        entered_chart.on(options.falls)
-    return judge(
-        judged_site,
-        entered_chart,
-        requirements,
-        falls=options.falls,
-        crane=crane_of(judged_site, gravity=options.gravity, urdf=crane, **options.values),
-        limits=LIMITS,
-        hoisting=cast("HoistingClass", options.hoisting),
-        drive=cast("DriveClass", options.drive),
-        period=options.control_period,
-        dt=options.dt,
-        engine=cast("EngineName", options.engine),
-        progress=progress,
-    )
 
 
 def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
@@ -284,7 +164,7 @@ def _parser() -> Parser:
     add("--swing", type=float, metavar="DEG", help=text)
     text = "largest probability that a perturbed lift comes closer than required, in percent; that "
     add("--risk", type=float, metavar="P", help=f"{text}of the site")
-    text = f"perturbed lifts, 0: not judged; {LIFTS}, of each case of a comparison {COARSE_LIFTS}"
+    text = f"perturbed lifts, 0: not judged; {LIFTS}, in a comparison {COARSE_LIFTS}"
     add("--lifts", type=int, metavar="N", help=text)
     text = f"gusts in each wind, 0: not judged; {GUSTS}, in a comparison {COARSE_GUSTS}"
     add("--gusts", type=int, metavar="N", help=text)

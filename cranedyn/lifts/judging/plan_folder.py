@@ -26,9 +26,9 @@ from cranedyn.lifts.judging.plan_record import (
     PlanMark,
     PlanRecord,
     mask_times,
-    read_record,
+    read_plan_record,
     sign,
-    write_record,
+    write_plan_record,
 )
 from cranedyn.verdict import Check, Verdict
 
@@ -75,7 +75,7 @@ def latest_record(folder: Path) -> PlanRecord | None:
         return None
     path = folder / f"{revision_stem(max(revisions))}.json"
     try:
-        record = read_record(path)
+        record = read_plan_record(path)
     except DataError as error:
         raise DataError(
             f"{str(error).removesuffix('.')}; nothing is written over it, so move it away or give "
@@ -129,7 +129,7 @@ def next_revision(folder: Path) -> NextRevision:
         return NextRevision(latest.revision + 1, earlier=latest)
     earlier = None
     if latest.revision > 1:
-        earlier = read_record(folder / f"{revision_stem(latest.revision - 1)}.json")
+        earlier = read_plan_record(folder / f"{revision_stem(latest.revision - 1)}.json")
     return NextRevision(latest.revision, earlier=earlier, replaced=latest)
 
 
@@ -156,7 +156,7 @@ def sign_plan(file: Path, name: str, role: str) -> PlanRecord:
     """
     path = record_beside(file)
     with lock_folder(path.parent):
-        record = read_record(path)
+        record = read_plan_record(path)
         for check in document_checks(record, path.parent):
             if check.verdict is not Verdict.HOLDS:
                 raise DataError(
@@ -164,7 +164,7 @@ def sign_plan(file: Path, name: str, role: str) -> PlanRecord:
                     "that."
                 )
         signed = sign(record, name, role, date.today().isoformat())
-        write_record(path, signed)
+        write_plan_record(path, signed)
     return signed
 
 

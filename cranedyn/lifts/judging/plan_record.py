@@ -8,7 +8,7 @@ The digest is the SHA-256 of the canonical form of inputs and result, see `canon
 that the record is as it was when somebody noted the digest elsewhere, such as on paper. It is no
 signature: whoever changes the record can compute another digest.
 
-A record is a file of strangers. `read_record` takes nothing of it for granted: sizes, types, names
+A record is a file of strangers. `read_plan_record` takes nothing of it for granted: sizes, types, names
 and paths are checked, and what it holds is data that is shown or judged again, never run.
 """
 
@@ -353,7 +353,7 @@ def plan_digest(inputs: PlanInputs, result: PlanResult) -> str:
 # --- writing --------------------------------------------------------------------------------------
 
 
-def write_record(path: Path, record: PlanRecord) -> None:
+def write_plan_record(path: Path, record: PlanRecord) -> None:
     """Write a record.
 
     Raises:
@@ -374,7 +374,7 @@ def write_record(path: Path, record: PlanRecord) -> None:
 # --- reading --------------------------------------------------------------------------------------
 
 
-def read_record(path: Path) -> PlanRecord:
+def read_plan_record(path: Path) -> PlanRecord:
     """Read a record, and check all that it holds.
 
     Raises:

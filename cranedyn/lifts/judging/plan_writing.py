@@ -18,7 +18,7 @@ from cranedyn.lifts.judging.plan_record import (
     PlanInputs,
     PlanOptions,
     PlanRecord,
-    write_record,
+    write_plan_record,
 )
 from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
 from cranedyn.lifts.planning.site_file import EXAMPLES, SITES, example_path
@@ -136,5 +136,5 @@ def write_plan(
             if revision.replaced is not None and pdf.name in revision.replaced.documents:
                 pdf.unlink(missing_ok=True)
         record = with_documents(record, documents)
-        write_record(path, record)
+        write_plan_record(path, record)
     return WrittenPlan(record, path, page, None if why else pdf, why)

@@ -30,7 +30,7 @@ from cranedyn.lifts.judging.plan_record import (
     PlanFile,
     PlanOptions,
     PlanRecord,
-    read_record,
+    read_plan_record,
 )
 from cranedyn.lifts.judging.plan_writing import PlanSource
 from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, EXAMPLES, SITES, example_path
@@ -95,7 +95,7 @@ def verify(
     """
     path = record_beside(document)
     try:
-        record = read_record(path)
+        record = read_plan_record(path)
     except DigestMismatch as error:
         return [Check(str(error), False)]
     folder = path.parent
@@ -268,7 +268,7 @@ def _recomputed_checks(record: PlanRecord, disk: _OnDisk, judge_plan: JudgePlan)
 def _site_name(record: PlanRecord) -> str:
     """Return the name of the site file, by which a site is called that has no name in it."""
     file = record.inputs.file("site")
-    assert file is not None  # see `plan_record.read_record`
+    assert file is not None  # see `plan_record.read_plan_record`
     return file.path
 
 

@@ -33,7 +33,7 @@ from cranedyn.lifts.judging.lift_figures import _swept_boxes
 from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.loads import loads
 from cranedyn.lifts.judging.plan_folder import with_documents
-from cranedyn.lifts.judging.plan_record import PlanOptions, read_record, write_record
+from cranedyn.lifts.judging.plan_record import PlanOptions, read_plan_record, write_plan_record
 from cranedyn.lifts.judging.plan_writing import PlanSource
 from cranedyn.lifts.judging.report_page import STATEMENT
 from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
@@ -51,7 +51,7 @@ from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.model.load import load_crane
 from cranedyn.verdict import Check, Verdict, overall
 from experiments import lift_report
-from experiments.lift_report import judge_plan
+from experiments.lift_judging import judge_plan
 from tests.lifts.planning.sites import certificate, lift
 
 pytestmark = pytest.mark.slow
@@ -119,7 +119,7 @@ def test_the_page_is_printed(folder: Path) -> None:
 def test_the_plan_is_verified_and_each_forged_cell_of_its_tables_is_found(
     folder: Path, tmp_path: Path
 ) -> None:
-    record = read_record(folder / "lift.json")
+    record = read_plan_record(folder / "lift.json")
     page = (folder / "lift.html").read_text(encoding="utf-8")
     assert record.digest in page and f'content: "Revision 1 · digest {record.short_digest}"' in page
     untouched = verify(folder / "lift.html", judge_plan, NamedFiles(), recompute=False)
@@ -134,7 +134,7 @@ def test_the_plan_is_verified_and_each_forged_cell_of_its_tables_is_found(
     forged = replace(record, result=replace(record.result, tables=tables))
     forged_page = page.replace(f">{shown}<", ">12.3 %<").replace(record.digest, forged.digest)
     (tmp_path / "lift.html").write_text(forged_page, encoding="utf-8")
-    write_record(tmp_path / "lift.json", with_documents(forged, [tmp_path / "lift.html"]))
+    write_plan_record(tmp_path / "lift.json", with_documents(forged, [tmp_path / "lift.html"]))
     checks = verify(tmp_path / "lift.html", judge_plan, NamedFiles())
     assert [check.sentence for check in checks if check.verdict is not Verdict.HOLDS] == [
         f"Judged again: In numbers, utilisation of the chart, this lift: 12.3 % → {shown}."
@@ -151,7 +151,7 @@ def test_without_a_browser_there_is_a_sentence_and_the_page(
     assert lift_report.write_pages(undecided, tmp_path, "", source) == 1
     assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
-    assert list(read_record(tmp_path / "lift.json").documents) == ["lift.html"]
+    assert list(read_plan_record(tmp_path / "lift.json").documents) == ["lift.html"]
 
 
 def test_what_does_not_hold_is_no_go_and_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:

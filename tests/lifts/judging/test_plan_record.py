@@ -33,10 +33,10 @@ from cranedyn.lifts.judging.plan_record import (
     RecordedTable,
     canonical_json,
     mask_times,
-    read_record,
+    read_plan_record,
     recorded_checks,
     recorded_table,
-    write_record,
+    write_plan_record,
 )
 from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
 from cranedyn.verdict import Check, Verdict, overall
@@ -83,7 +83,7 @@ def plan(folder: Path) -> PlanRecord:
     record = PlanRecord(1, inputs, RESULT)
     (folder / "lift.html").write_text(page(record))
     record = with_documents(record, [folder / "lift.html"])
-    write_record(folder / "lift.json", record)
+    write_plan_record(folder / "lift.json", record)
     return record
 
 
@@ -115,7 +115,7 @@ def test_a_record_is_read_as_it_was_written_and_its_digest_is_that_of_inputs_and
     tmp_path: Path,
 ) -> None:
     record = plan(tmp_path)
-    assert read_record(tmp_path / "lift.json") == record
+    assert read_plan_record(tmp_path / "lift.json") == record
     content = json.loads((tmp_path / "lift.json").read_text())
     # By hand, with nothing of the module but the form that its docstring states.
     canonical = json.dumps(
@@ -293,7 +293,7 @@ def test_a_hostile_record_is_refused_in_a_sentence(
         inner[last] = value
         file.write_text(json.dumps(content))
     with pytest.raises(DataError) as refused:
-        read_record(file)
+        read_plan_record(file)
     assert sentence in str(refused.value) and not isinstance(refused.value, DigestMismatch)
 
 
@@ -333,7 +333,7 @@ def test_a_signed_plan_is_followed_by_a_revision_and_an_unsigned_one_replaced(
     words = ["sign", str(tmp_path / "lift.json"), "--by", "A. Planner", "--role", "approved"]
     assert front.main(words) == 0
     assert "no cryptographic signature" in capsys.readouterr().out
-    signed = read_record(tmp_path / "lift.json")
+    signed = read_plan_record(tmp_path / "lift.json")
     assert signed.digest == first.digest and signed.signatures[0].digest == first.digest
     assert overall(verified(tmp_path)) is Verdict.HOLDS
     following = next_revision(tmp_path)
@@ -344,7 +344,7 @@ def test_a_signed_plan_is_followed_by_a_revision_and_an_unsigned_one_replaced(
     mark = following.mark(second)
     assert mark.since == 1
     assert mark.changes == ["--wind: not given → 9.0", "verdict: GO → NO GO"]
-    write_record(tmp_path / "lift-r2.json", second)
+    write_plan_record(tmp_path / "lift-r2.json", second)
     third = next_revision(tmp_path)
     assert (third.number, third.earlier, third.replaced) == (2, signed, second)
     (tmp_path / "lift-r2.json").write_text("{")
