@@ -60,6 +60,8 @@ def compare_lifts(
     sites = options.cranes or [options.site or "open_yard"]
     places = [] if options.positions is None else places_from(options.positions)
     lifts = [] if options.list is None else lifts_from(Path(options.list))
+    if options.load is not None and any(lift.load is not None for lift in lifts):
+        raise DataError("--load is given, and --list enters loads of lifts, too; leave one out.")
     cases = cases_of(sites, places, lifts)
     rows = in_order(_judged(cases, plan, options, setup), options.sort)
     return _outcome(rows, plan, options)
@@ -222,7 +224,8 @@ def _maps(rows: Sequence[ComparedCase], coloured_by: str) -> dict[str, LiftFigur
         figure = places_map(read_site(file), own, coloured_by=coloured_by, title=crane)
         caption = (
             f"Places of {crane}, coloured by {COLOURED_BY[coloured_by]}. Those that are no GO have "
-            "the number of the row of the table that tells the reason."
+            "the number of the row of the table that tells the reason. The dotted line joins the "
+            "ends of the lift, and is not its way."
         )
         maps[name] = LiftFigure(figure, caption)
     return maps

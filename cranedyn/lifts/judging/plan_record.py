@@ -8,8 +8,8 @@ The digest is the SHA-256 of the canonical form of inputs and result, see `canon
 that the record is as it was when somebody noted the digest elsewhere, such as on paper. It is no
 signature: whoever changes the record can compute another digest.
 
-A record is a file of strangers. `read_plan_record` takes nothing of it for granted: sizes, types, names
-and paths are checked, and what it holds is data that is shown or judged again, never run.
+A record is a file of strangers. `read_plan_record` takes nothing of it for granted: sizes, types,
+names and paths are checked, and what it holds is data that is shown or judged again, never run.
 """
 
 from __future__ import annotations
@@ -426,18 +426,26 @@ def _record_of(content: Any) -> PlanRecord:
 def _inputs_of(content: Any) -> PlanInputs:
     """Return the inputs of a record."""
     table = _table("inputs", content, ("options", "files", "crane", "versions"))
-    files = tuple(_file_of(entry) for entry in _list("files", table["files"], 10_000))
-    counts = Counter(
-        (file.role == "named", file.path if file.role == "named" else file.role) for file in files
-    )
-    if any(count > 1 for count in counts.values()):
-        raise _Refused("files: one is listed twice")
+    files = tuple(_file_of(entry) for entry in _list("files", table["files"], 2000))
+    _check_distinct(files)
     versions = _texts("versions", table["versions"])
     _sha256("crane", table["crane"])
     options = _options_of(table["options"])
     if not any(file.role == "site" for file in files):
         raise _Refused("files: there is no site file")
     return PlanInputs(options, files, table["crane"], versions)
+
+
+def _check_distinct(files: Sequence[PlanFile]) -> None:
+    """Refuse files of which one would take the place of another, or of a folder of another."""
+    roles = Counter(file.role for file in files if file.role != "named")
+    if any(count > 1 for count in roles.values()):
+        raise _Refused("files: one role is listed twice")
+    # These lie in one folder, that of the site.
+    paths = [PurePosixPath(file.path) for file in files if file.role in ("site", "named")]
+    for path in paths:
+        if paths.count(path) > 1 or any(folder in paths for folder in path.parents):
+            raise _Refused(f"files: {quoted(str(path))} would lie in the place of another one")
 
 
 def _options_of(content: Any) -> PlanOptions:

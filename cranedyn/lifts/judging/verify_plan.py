@@ -211,7 +211,10 @@ def _recomputed_checks(record: PlanRecord, disk: _OnDisk, judge_plan: JudgePlan)
     """Return checks that the recorded inputs, judged again, give the recorded result."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(os.path.realpath(name))
-        missing = _lay_out(record, disk, folder)
+        try:
+            missing = _lay_out(record, disk, folder)
+        except OSError as error:
+            return [Check(f"The files of the plan cannot be laid out: {error.strerror}.", None)]
         if missing:
             needed = ", ".join(missing)
             return [
@@ -245,13 +248,11 @@ def _recomputed_checks(record: PlanRecord, disk: _OnDisk, judge_plan: JudgePlan)
             # What is not installed is an error of no kind of its own; it says nothing of the plan.
             decided = None if type(error) is CraneError else False
             return [Check(f"The lift could not be judged again: {error}", decided)]
-    # The options are those of the record, so that only what comes with the programs can differ.
-    others = [
-        *file_changes(record.inputs.files, inputs.files),
-        *version_changes(record.inputs.versions, inputs.versions),
-    ]
-    note = f" ({'; '.join(others)})" if others else ""
-    changes = result_changes(record.result, judgement.result)
+    versions = version_changes(record.inputs.versions, inputs.versions)
+    note = f" ({'; '.join(versions)})" if versions else ""
+    # Files differ if the chart of the package is another one by now, or the record is forged.
+    changes = file_changes(record.inputs.files, inputs.files)
+    changes += result_changes(record.result, judgement.result)
     if inputs.crane != record.inputs.crane:
         changes.insert(0, "the crane as loaded has another description or other values")
     if not changes:

@@ -40,6 +40,7 @@ from cranedyn.lifts.judging.plan_record import (
 )
 from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
 from cranedyn.verdict import Check, Verdict, overall
+from tests.next_commands import check_next_commands
 
 SITE = """name = "yard"
 [ground]
@@ -264,6 +265,8 @@ HOSTILE = [
     (("inputs.files.0.path", "../yard.toml"), "allowed is a name alone"),
     (("inputs.files.1.path", "a/../../hall.stl"), "a path within the folder"),
     (("inputs.files.1.path", "C:\\hall.stl"), "a path within the folder"),
+    (("inputs.files.1.path", "yard.toml"), "in the place of another one"),
+    (("inputs.files.1.path", "yard.toml/hall.stl"), "in the place of another one"),
     (("inputs.files.0.text", "other"), "has not the digest beside it"),
     (("inputs.files.0.role", "named"), "there is no site file"),
     (("inputs.options.lifts", 10**12), "lifts is 1000000000000"),
@@ -309,11 +312,13 @@ def test_a_record_whose_content_was_changed_is_different_and_not_only_refused(
 
 
 def test_the_command_says_what_it_left_out_and_ends_by_the_worst_verdict(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     plan(tmp_path)
     assert front.main(["verify", str(tmp_path / "lift.html"), "--quick"]) == 0
     shown = capsys.readouterr().out
+    with monkeypatch.context() as patch:
+        check_next_commands(shown, patch)
     assert "Left out: whether the lift, judged again" in shown and "\nSame.\n" in shown
     (tmp_path / "yard.toml").unlink()
     assert front.main(["verify", str(tmp_path / "lift.html"), "--quick"]) == 2
@@ -324,7 +329,7 @@ def test_the_command_says_what_it_left_out_and_ends_by_the_worst_verdict(
 
 
 def test_a_signed_plan_is_followed_by_a_revision_and_an_unsigned_one_replaced(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert next_revision(tmp_path).number == 1
     first = plan(tmp_path)
@@ -332,7 +337,10 @@ def test_a_signed_plan_is_followed_by_a_revision_and_an_unsigned_one_replaced(
     assert (again.number, again.earlier, again.replaced) == (1, None, first)
     words = ["sign", str(tmp_path / "lift.json"), "--by", "A. Planner", "--role", "approved"]
     assert front.main(words) == 0
-    assert "no cryptographic signature" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "no cryptographic signature" in shown
+    with monkeypatch.context() as patch:
+        check_next_commands(shown, patch)
     signed = read_plan_record(tmp_path / "lift.json")
     assert signed.digest == first.digest and signed.signatures[0].digest == first.digest
     assert overall(verified(tmp_path)) is Verdict.HOLDS
