@@ -180,11 +180,12 @@ def _outcome(
     maps = _maps(rows, options.colour)
     html = comparison_html(table, list(maps.values()), rows, command_line)
     words = [row.word for row in rows]
+    found: bool | None = "GO" in words
+    if not found and "NOT COMPLETE" in words:
+        found = None  # it might be one, if all were judged
     return harness.Outcome(
         tables=[harness.ResultTable(*without_empty_columns(table))],
-        claims=[
-            harness.Claim(f"Of {len(rows)} cases {words.count('GO')} are a GO.", "GO" in words)
-        ],
+        claims=[harness.Claim(f"Of {len(rows)} cases {words.count('GO')} are a GO.", found)],
         parameters={
             "lifts": plan.lifts,
             "gusts": plan.gusts,
@@ -197,14 +198,22 @@ def _outcome(
 
 def _note(plan: PlanOptions, key: str) -> str:
     """Return what to know about the table of a comparison: its order, and how coarse it is."""
-    note = f"Sorted by verdict, then by {'share of capacity' if key == 'share' else key}."
-    if plan.lifts < LIFTS or plan.gusts < GUSTS:
-        note += (
-            f" Coarse: {plan.lifts} perturbed lifts and {plan.gusts} gusts at each speed, where a "
-            f"lift plan has {LIFTS} and {GUSTS}. Fewer lifts show a larger probability of coming "
-            "too near, and with fewer gusts the wind limit may be too high."
+    sentences = [f"Sorted by verdict, then by {'share of capacity' if key == 'share' else key}."]
+    if plan.lifts == 0:
+        sentences.append("No perturbed lifts were simulated, so that no case is a GO.")
+    elif plan.lifts < LIFTS:
+        sentences.append(
+            f"Coarse: {plan.lifts} perturbed lifts, where a lift plan has {LIFTS}; fewer lifts "
+            "show a larger probability of coming too near."
         )
-    return note
+    if plan.gusts == 0:
+        sentences.append("No gusts were tried, so that no case is a GO.")
+    elif plan.gusts < GUSTS:
+        sentences.append(
+            f"Coarse: {plan.gusts} gusts at each speed, where a lift plan has {GUSTS}; with fewer "
+            "gusts the wind limit may be too high."
+        )
+    return " ".join(sentences)
 
 
 def _maps(rows: Sequence[ComparedCase], coloured_by: str) -> dict[str, LiftFigure]:

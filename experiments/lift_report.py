@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, get_args
 
 from cranedyn.command import FAILED, Parser, command
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
-from cranedyn.verdict import Verdict
+from cranedyn.verdict import Verdict, overall
 from experiments import harness
 from experiments.harness.arguments import command_name
 from experiments.lift_comparison import add_comparison, compare_lifts
@@ -88,13 +88,15 @@ class _Judged:
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line, then write the page and, where a browser is there, the PDF."""
     judged: list[_Judged] = []
+    compared: list[harness.Outcome] = []
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
         from cranedyn.lifts.judging.plan_folder import next_revision
         from cranedyn.lifts.judging.plan_writing import PlanSource
 
         if comparison_asked_for(options):
-            return compare_lifts(options, plan_options(options, setup), setup)
+            compared.append(compare_lifts(options, plan_options(options, setup), setup))
+            return compared[0]
         # Before the lift is judged, which takes long: whether the plan can be written, and what it
         # is made of.
         next_revision(options.folder)
@@ -112,7 +114,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _outcome(judgement, command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
-    if not judged or code not in (0, FAILED):
+    if code not in (0, FAILED):
+        return code
+    if compared:
+        # As of one lift: what is not complete is no success.
+        return 0 if overall(compared[0].claims) is Verdict.HOLDS else FAILED
+    if not judged:
         return code
     one = judged[0]
     return command(lambda: write_pages(one.judgement, one.folder, one.command_line, one.plan))
