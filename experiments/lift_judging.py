@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from cranedyn.checks import check_choice, number, within
-from cranedyn.errors import printable
+from cranedyn.errors import DataError, printable
 from cranedyn.interfaces import EngineName
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
@@ -124,6 +124,9 @@ def judge_plan(
         lifts=options.lifts,
         gusts=options.gusts,
     )
+    for name in ("site", "gravity", "urdf"):
+        if name in options.values:
+            raise DataError(f"{name} is no number of a crane that --set can change; leave it out.")
     entered_chart = None if chart is None else read_chart(chart)
     judged_site = change(read_site(site))
     if options.load is not None:

@@ -232,8 +232,10 @@ def _shows_record(record: PlanRecord, page: Path) -> Check:
         missing.append("the digest")
     if content.verdict != record.result.word:
         missing.append(f"the verdict {record.result.word}")
+    marked = {(word, mask_times(sentence)) for word, sentence in content.marked}
     for check in record.result.checks:
-        if check.sentence not in text:
+        word = Verdict(check.verdict).word
+        if (word, " ".join(check.sentence.split())) not in marked:
             missing.append(f"the check {check.name}")
     for table in record.result.tables:
         masked = {i for i, header in enumerate(table.columns) if header == TIME_COLUMN}
@@ -254,16 +256,22 @@ def _masked_row(row: Sequence[str], masked: set[int]) -> tuple[str, ...]:
 
 
 class _PageContent(HTMLParser):
-    """Text and rows of tables of a page.
+    """Text, rows of tables, and checks of a page.
 
     Attributes:
         rows: Cells of each row.
+        marked: Title of each mark of a verdict, such as "holds", and the text behind it up to the
+            end of the entry of a list.
     """
 
     def __init__(self) -> None:
         """Begin with an empty page."""
         super().__init__(convert_charrefs=True)
         self.rows: list[tuple[str, ...]] = []
+        self.marked: list[tuple[str, str]] = []
+        self._mark = ""
+        self._behind_mark: list[str] = []
+        self._in_mark = False
         self._texts: list[str] = []
         self._cells: list[str] = []
         self._cell: list[str] | None = None
@@ -290,7 +298,11 @@ class _PageContent(HTMLParser):
         elif tag in ("td", "th"):
             self._cell = []
         elif tag == "p":
-            self._in_verdict = "verdict" in (dict(attrs).get("class") or "").split()
+            self._in_verdict = "verdict" in _classes(attrs)
+        elif tag == "span" and "mark" in _classes(attrs):
+            self._mark = dict(attrs).get("title") or ""
+            self._behind_mark = []
+            self._in_mark = True
 
     def handle_endtag(self, tag: str) -> None:
         """End a row or a cell."""
@@ -303,6 +315,11 @@ class _PageContent(HTMLParser):
             self._cell = None
         elif tag == "p":
             self._in_verdict = False
+        elif tag == "span":
+            self._in_mark = False
+        elif tag == "li" and self._mark:
+            self.marked.append((self._mark, " ".join("".join(self._behind_mark).split())))
+            self._mark = ""
 
     def handle_data(self, data: str) -> None:
         """Take a piece of text."""
@@ -311,5 +328,13 @@ class _PageContent(HTMLParser):
         self._texts.append(data)
         if self._in_verdict:
             self._verdict.append(data)
+        if self._mark and not self._in_mark:
+            # The sign itself is no part of the sentence.
+            self._behind_mark.append(data)
         if self._cell is not None:
             self._cell.append(data)
+
+
+def _classes(attrs: list[tuple[str, str | None]]) -> list[str]:
+    """Return the classes of an element from its attributes."""
+    return (dict(attrs).get("class") or "").split()

@@ -70,6 +70,12 @@ TIME_COLUMN = "at [s]"
 
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 
+_NAME = re.compile(r"[A-Za-z_]\w{0,99}", re.ASCII)
+"""Name of a number of a crane."""
+
+_PLAIN_VALUE = re.compile(r"[\w.+-]{1,100}", re.ASCII)
+"""Value of such a number as text."""
+
 _NUMBER_OR_SIGN = re.compile(r"[^A-Za-z ]")
 """What ends the words from which the name of a check is made."""
 
@@ -474,10 +480,13 @@ def _check_crane_values(values: Any) -> None:
     if not isinstance(values, dict) or len(values) > 1000:
         raise _Refused("values is no table of numbers of the crane")
     for name, value in values.items():
-        if isinstance(value, str):
-            _text(name, value)
-        else:
+        if not _NAME.fullmatch(name):
+            raise _Refused(f"a number of the crane is called {quoted(name)}; allowed is a name")
+        if not isinstance(value, str):
             _number(name, value)
+        elif not _PLAIN_VALUE.fullmatch(value):
+            # What describes a crane may be a program that computes with its arguments.
+            raise _Refused(f"{name} of the crane is {quoted(value)}; allowed is a number or a word")
 
 
 def _file_of(content: Any) -> PlanFile:

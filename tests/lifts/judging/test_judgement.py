@@ -539,6 +539,7 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         ("--falls 3", "There is no number of falls '3'; there are 2, 4."),
         ("--chart missing.toml", "Cannot read missing.toml"),
         ("--crane missing.urdf", "Cannot read missing.urdf"),
+        ("--set urdf:=5", "urdf is no number of a crane"),
         ("--set payload_mass:=5", "payload_mass is set by the experiment lift_report itself"),
     ],
 )

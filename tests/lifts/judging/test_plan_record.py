@@ -65,9 +65,10 @@ RESULT = PlanResult(
 def page(record: PlanRecord, cell: str = "1.43 m") -> str:
     """A page that shows a record, and a time that the record masks."""
     return (
-        f'<p class="verdict held">{record.result.word}</p><ul><li>Least is 1.43 m at t = 8.5 s.'
-        f"</li></ul><table><tr><td>least distance</td><td>{cell}</td></tr><tr><td>rope [kN]</td>"
-        f"<td>10.31</td><td>4.2</td></tr></table><code>{record.digest}</code>"
+        f'<p class="verdict held">{record.result.word}</p><ul><li><span class="mark held" '
+        f'title="holds">✔</span>Least is 1.43 m at t = 8.5 s.</li></ul><table><tr><td>least '
+        f"distance</td><td>{cell}</td></tr><tr><td>rope [kN]</td><td>10.31</td><td>4.2</td></tr>"
+        f"</table><code>{record.digest}</code>"
     )
 
 
@@ -174,6 +175,9 @@ def test_a_changed_document_is_told_even_if_its_digest_was_changed_with_it(tmp_p
     assert failed(document_checks(forged, tmp_path)) == [
         "lift.html does not show what its record holds: In numbers, least distance."
     ]
+    (tmp_path / "lift.html").write_text(page(record).replace('"holds"', '"FAILS"'))
+    forged = with_documents(record, [tmp_path / "lift.html"])
+    assert "the check nearest" in failed(document_checks(forged, tmp_path))[0]
     (tmp_path / "lift.html").write_text(page(record).replace(">GO<", ">NO GO<"))
     forged = with_documents(record, [tmp_path / "lift.html"])
     assert "the verdict GO" in failed(document_checks(forged, tmp_path))[0]
@@ -271,6 +275,8 @@ HOSTILE = [
     (("inputs.files.0.role", "named"), "there is no site file"),
     (("inputs.options.lifts", 10**12), "lifts is 1000000000000"),
     (("inputs.options.wind", "8; rm"), "allowed is a number"),
+    (("inputs.options.values", {"payload_mass": "__import__('os')"}), "a number or a word"),
+    (("inputs.options.values", {"a b": 1.0}), "allowed is a name"),
     (("inputs.options.extra", 1), "which is not known"),
     (("inputs.options.site", "a\nb"), "allowed is a printable text"),
     (("result.checks.0.verdict", "perhaps"), "a verdict is perhaps"),
