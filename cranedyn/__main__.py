@@ -473,7 +473,8 @@ def _verify(parser: _Parser) -> None:
     text = "the site file as it is now; the one beside the plan, or the example"
     add("--site", metavar="FILE", type=Path, help=text)
     add("--chart", metavar="FILE", type=Path, help="the chart of the option --chart, likewise")
-    add("--crane", metavar="FILE", type=Path, help="the crane of the option --crane, likewise")
+    text = "the crane of the option --crane; a .xacro file runs code, so trust it before"
+    add("--crane", metavar="FILE", type=Path, help=text)
     text = "judge what the plan records, and leave the files on the disk alone"
     add("--recorded", action="store_true", help=text)
     text = "do not judge the lift again; compare documents and inputs only"

@@ -65,7 +65,8 @@ class NamedFiles:
     Attributes:
         site: The site file; None for the one beside the plan, or the example.
         chart: The chart; None for the one beside the plan, or the example.
-        crane: The file of the crane; None for the one beside the plan.
+        crane: The file of the crane. It is never taken from beside the plan, since a .xacro file
+            runs code.
     """
 
     site: Path | None = None
@@ -153,6 +154,9 @@ def _find_on_disk(record: PlanRecord, folder: Path, named: NamedFiles) -> _OnDis
             return given
         if recorded in examples:
             return recorded
+        if role == "crane":
+            missing.append(f"name {quoted(recorded)} by --crane if you trust it")
+            return None
         beside = folder / recorded
         is_there = Path(os.path.realpath(beside)).parent == Path(os.path.realpath(folder))
         if is_there and beside.is_file() and Path(recorded).name == recorded:

@@ -405,6 +405,32 @@ def test_nothing_outside_of_the_folder_is_read_unless_it_is_named(tmp_path: Path
     assert record.inputs.files[1].path == "hall.stl"
 
 
+def test_a_crane_beside_a_plan_is_not_loaded_unless_it_is_named(tmp_path: Path) -> None:
+    """A .xacro file runs code, and a stranger may have put it there."""
+    record = plan(tmp_path)
+    (tmp_path / "crane.xacro").write_text("<robot/>")
+    files = collect_files(tmp_path / "yard.toml", crane=tmp_path / "crane.xacro")
+    options = replace(record.inputs.options, crane="crane.xacro")
+    inputs = replace(record.inputs, options=options, files=files)
+    record = PlanRecord(1, inputs, RESULT)
+    (tmp_path / "lift.html").write_text(page(record))
+    write_plan_record(tmp_path / "lift.json", with_documents(record, [tmp_path / "lift.html"]))
+    loaded = []
+
+    def judge(options: PlanOptions, **given: Any) -> Any:
+        loaded.append(given["crane"])
+        return SimpleNamespace(result=RESULT, word="GO")
+
+    checks = verify(tmp_path / "lift.html", judge, NamedFiles())
+    assert loaded == [] and overall(checks) is Verdict.NOT_JUDGED
+    named = NamedFiles(crane=tmp_path / "crane.xacro")
+    assert overall(verify(tmp_path / "lift.html", judge, named)) is Verdict.HOLDS
+    assert loaded == [tmp_path / "crane.xacro"]
+    (tmp_path / "crane.xacro").write_text("<robot name='other'/>")
+    assert overall(verify(tmp_path / "lift.html", judge, named)) is Verdict.FAILS
+    assert len(loaded) == 1
+
+
 def test_canonical_json_has_no_number_that_is_not_finite() -> None:
     with pytest.raises(ValueError):
         canonical_json({"a": float("nan")})
