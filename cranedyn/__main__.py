@@ -1,5 +1,5 @@
 """The command ``cranedyn``: run, list and report experiments, view a recording, describe or export
-a crane.
+a crane, verify and sign a lift plan.
 
 `COMMANDS` has one function for each command, which adds its arguments and sets the function that
 runs it. What a command needs is imported in these functions only, so that each starts fast.
@@ -17,7 +17,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from cranedyn import __version__, plugins
-from cranedyn.command import Parser, command, command_line, next_lines, open_line
+from cranedyn.command import (
+    FAILED,
+    REFUSED,
+    Parser,
+    command,
+    command_line,
+    next_lines,
+    open_line,
+)
 
 if TYPE_CHECKING:
     from cranedyn.recording import Run
@@ -454,6 +462,89 @@ def _serve(parser: _Parser) -> None:
     parser.set_defaults(run=serve.run)
 
 
+def _verify(parser: _Parser) -> None:
+    """Say whether a lift plan is still what it was: documents, inputs, result.
+
+    Example: cranedyn verify out/lift_report/lift.pdf --quick
+    """
+    add = parser.add_argument
+    text = "a document of the plan, or its record: lift.pdf, lift.html or lift.json"
+    add("file", metavar="FILE", type=Path, help=text)
+    text = "the site file as it is now; the one beside the plan, or the example"
+    add("--site", metavar="FILE", type=Path, help=text)
+    add("--chart", metavar="FILE", type=Path, help="the chart of the option --chart, likewise")
+    text = "the crane of the option --crane; a .xacro file runs code, so trust it before"
+    add("--crane", metavar="FILE", type=Path, help=text)
+    text = "judge what the plan records, and leave the files on the disk alone"
+    add("--recorded", action="store_true", help=text)
+    text = "do not judge the lift again; compare documents and inputs only"
+    add("--quick", action="store_true", help=text)
+    parser.set_defaults(run=partial(_run_verify, parser))
+
+
+def _run_verify(parser: _Parser, options: argparse.Namespace) -> int:
+    """Verify a plan, print the checks, and return 0 if it is the same, 1 if not, 2 if that cannot
+    be judged.
+    """
+    from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
+    from cranedyn.progress import bar
+    from cranedyn.verdict import Verdict, overall
+
+    with bar("verify"):
+        checks = verify(
+            options.file,
+            plugins.load("experiment", "lift_report").judge_plan,
+            NamedFiles(options.site, options.chart, options.crane),
+            compare_disk=not options.recorded,
+            recompute=not options.quick,
+        )
+    for check in checks:
+        print(f"{check.verdict.word:11}{check.sentence}")
+    if options.recorded:
+        print("Left out: whether the inputs on the disk are those that were judged.")
+    if options.quick:
+        print("Left out: whether the lift, judged again, gives the same result.")
+    verdict = overall(checks)
+    print({Verdict.HOLDS: "Same.", Verdict.FAILS: "Different."}.get(verdict, "Not judged."))
+    record = options.file.with_suffix(".json")
+    sign = command_line("cranedyn", "sign", record, "--by", "NAME")
+    print(next_lines(sign, "cranedyn verify --help"))
+    return {Verdict.HOLDS: 0, Verdict.FAILS: FAILED}.get(verdict, REFUSED)
+
+
+def _sign(parser: _Parser) -> None:
+    """Note that somebody accepts a lift plan, so that it is never written over.
+
+    Example: cranedyn sign out/lift_report/lift.json --by "A. Planner"
+    """
+    from cranedyn.lifts.judging.plan_record import ROLES
+
+    add = parser.add_argument
+    add("file", metavar="FILE", type=Path, help="the record of the plan, lift.json")
+    add("--by", metavar="NAME", required=True, help="who accepts it")
+    add("--role", choices=ROLES, default=ROLES[0], help="as what")
+    parser.set_defaults(run=_run_sign)
+
+
+def _run_sign(options: argparse.Namespace) -> int:
+    """Note a signature in the record of a plan."""
+    from cranedyn.lifts.judging.plan_folder import sign_plan
+
+    record = sign_plan(options.file, options.by, options.role)
+    signature = record.signatures[-1]
+    print(
+        f"{signature.name} ({signature.role}) accepts revision {record.revision} on "
+        f"{signature.date}. Digest: {record.digest}."
+    )
+    print(
+        "This is a note of who accepted which digest, and no cryptographic signature: whoever can "
+        "change the file can change the note. Write the digest on the paper that you sign."
+    )
+    verify = command_line("cranedyn", "verify", options.file.with_suffix(".json"))
+    print(next_lines(verify, "cranedyn run lift_report --help"))
+    return 0
+
+
 def _add_crane(parser: _Parser) -> None:
     """Add the common options that name a crane, its gravity and its numbers."""
     from cranedyn.model.options import add_crane_options, add_gravity, add_values
@@ -474,6 +565,8 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "export": _export,
     "drive": _drive,
     "serve": _serve,
+    "verify": _verify,
+    "sign": _sign,
 }
 """Functions that configure the parsers of the commands, by the names of these; their docstrings are
 the help and an example."""

@@ -12,7 +12,7 @@ what was not computed is neither right nor wrong.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from enum import Enum
 
 import numpy as np
@@ -55,23 +55,30 @@ class Check:
     Attributes:
         sentence: What was checked, with its numbers. If it was not judged: why it was not.
         verdict: Whether it holds.
+        name: A name that stays the same whatever the sentence says, by which a stored check is
+            found again; empty if it has none. Checks of different names may be equal.
     """
 
     sentence: str
     verdict: Verdict
+    name: str = field(default="", compare=False)
 
-    def __init__(self, sentence: str, holds: bool | np.bool_ | Verdict | None) -> None:
-        """Keep the sentence and the verdict.
+    def __init__(
+        self, sentence: str, holds: bool | np.bool_ | Verdict | None, name: str = ""
+    ) -> None:
+        """Keep the sentence, the verdict and the name.
 
         Args:
             sentence: See the attribute.
             holds: A verdict, or a condition: None if it was not judged.
+            name: See the attribute.
 
         Raises:
             TypeError: If `holds` is neither.
         """
         object.__setattr__(self, "sentence", sentence)
         object.__setattr__(self, "verdict", Verdict.of(holds))
+        object.__setattr__(self, "name", name)
 
     def __str__(self) -> str:
         """Return the verdict and the sentence in one line."""

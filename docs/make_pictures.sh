@@ -115,6 +115,8 @@ simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sy
 PYTHON
 "$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 1200 640 -o "$work"
 mv "$work/site-36s.png" docs/pictures/several_cranes.png
+"$python" -m experiments.lift_report --positions=-6:6:4,-4:4:3 --out "$work/places"
+mv "$work/places/places.png" docs/pictures/compare_lifts.png
 "$python" -m experiments.site --site two_towers --hours 0.02 --minutes 6 --out "$work/site" || test $? = 1  # too short for its claims
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
 "$python" -m experiments.tandem --out "$work/tandem"

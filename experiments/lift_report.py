@@ -6,72 +6,37 @@ Utilisation, clearances, factors, wind and robustness on a page that begins with
 from __future__ import annotations
 
 import argparse
-import math
 import sys
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
-from cranedyn.checks import number, within
 from cranedyn.command import FAILED, Parser, command
-from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
-from cranedyn.verdict import Verdict
+from cranedyn.verdict import Verdict, overall
 from experiments import harness
 from experiments.harness.arguments import command_name
-from experiments.scenarios.moves import LIMITS
+from experiments.lift_comparison import add_comparison, compare_lifts
+from experiments.lift_judging import (
+    COARSE_GUSTS,
+    COARSE_LIFTS,
+    GUSTS,
+    LIFTS,
+    comparison_asked_for,
+    judge_plan,
+    plan_options,
+)
 
 if TYPE_CHECKING:
     from cranedyn.lifts.judging.judgement import Judgement
+    from cranedyn.lifts.judging.plan_writing import PlanSource
 
 CRANE = (
     "crane as a .xacro with the arguments that the site enters, or as a plain URDF with the masses "
     "and efforts that it enters; instead of ours"
 )
 """Help of the option of that name."""
-
-
-def _judge(options: argparse.Namespace, setup: harness.Setup) -> Judgement:
-    from cranedyn.lifts.judging.analysis import Requirements
-    from cranedyn.lifts.judging.judgement import judge
-    from cranedyn.lifts.planning.lift import crane_of
-    from cranedyn.lifts.planning.site_file import read_site
-
-    requirements = Requirements(
-        wind=options.wind,
-        swing=None
-        if options.swing is None
-        else math.radians(within("swing allowed", options.swing, 0.1, 45.0, "degrees")),
-        risk=None
-        if options.risk is None
-        else within("risk allowed", options.risk, 0.0, 100.0, "%") / 100.0,
-        lifts=options.lifts,
-        gusts=options.gusts,
-    )
-    chart = None if options.chart is None else read_chart(options.chart)
-    site = read_site(options.site or "open_yard")
-    if options.load is not None:
-        # The mass of all that hangs, so that the rigging of the site's file is not added to it.
-        load = number("load", options.load, "kg", "> 0")
-        crane_values = {**site.crane, "payload_mass": load}
-        site = replace(site, crane=crane_values, rigging={"hook": 0.0, "slings": 0.0})
-    if chart is not None:
-        chart.of_falls(options.falls)  # refuses a number that the chart does not have
-    return judge(
-        site,
-        chart,
-        requirements,
-        falls=options.falls,
-        crane=crane_of(site, gravity=setup.gravity, urdf=options.crane, **setup.values),
-        limits=LIMITS,
-        hoisting=options.hoisting,
-        drive=options.drive,
-        period=setup.control_period,
-        dt=setup.dt,
-        engine=setup.engine,
-        progress=setup.reporter.count("plan, perturbed lifts, wind", 3),
-    )
 
 
 def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
@@ -103,37 +68,85 @@ def _outcome(judgement: Judgement, command: str) -> harness.Outcome:
     )
 
 
+@dataclass(frozen=True)
+class _Judged:
+    """A lift that was judged, and what its plan is written with.
+
+    Attributes:
+        judgement: The judgement.
+        folder: Folder of the experiment.
+        command_line: The command that makes the numbers again.
+        plan: Options and files of the plan.
+    """
+
+    judgement: Judgement
+    folder: Path
+    command_line: str
+    plan: PlanSource
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line, then write the page and, where a browser is there, the PDF."""
-    judged: list[tuple[Judgement, Path, str]] = []
+    judged: list[_Judged] = []
+    compared: list[harness.Outcome] = []
 
     def experiment(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+        from cranedyn.lifts.judging.plan_folder import next_revision
+        from cranedyn.lifts.judging.plan_writing import PlanSource
+
+        if comparison_asked_for(options):
+            compared.append(compare_lifts(options, plan_options(options, setup), setup))
+            return compared[0]
+        # Before the lift is judged, which takes long: whether the plan can be written, and what it
+        # is made of.
+        next_revision(options.folder)
+        site = options.site or "open_yard"
+        plan = PlanSource.of(plan_options(options, setup), site, options.chart, options.crane)
+        judgement = judge_plan(
+            plan.options,
+            site=site,
+            chart=options.chart,
+            crane=options.crane,
+            progress=setup.reporter.count("plan, perturbed lifts, wind", 3),
+        )
         command_line = " ".join([command_name("lift_report"), *options.argv])
-        judged.append((_judge(options, setup), options.folder, command_line))
-        return _outcome(judged[0][0], command_line)
+        judged.append(_Judged(judgement, options.folder, command_line, plan))
+        return _outcome(judgement, command_line)
 
     code = harness.run_experiment(_parser(), experiment, argv)
-    return command(lambda: write_pages(*judged[0])) if judged and code in (0, FAILED) else code
+    if code not in (0, FAILED):
+        return code
+    if compared:
+        # As of one lift: what is not complete is no success.
+        return 0 if overall(compared[0].claims) is Verdict.HOLDS else FAILED
+    if not judged:
+        return code
+    one = judged[0]
+    return command(lambda: write_pages(one.judgement, one.folder, one.command_line, one.plan))
 
 
-def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
-    """Write the page and, where a browser is installed, the PDF; return the exit code.
+def write_pages(judgement: Judgement, folder: Path, command_line: str, plan: PlanSource) -> int:
+    """Write the page, where a browser is installed the PDF, and the record of the plan; return the
+    exit code.
 
     Args:
         judgement: The judged lift.
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
+        plan: Options and files of the plan.
     """
-    from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
+    from cranedyn.lifts.judging.plan_writing import write_plan
 
-    page = judgement.report(folder / "lift.html", command_line)
+    written = write_plan(judgement, folder, command_line, plan)
     for sentence in judgement.analysis.unusual:
         print(f"Unusual: {sentence}")
-    print(f"{judgement.word}: {page}.")
-    try:
-        print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")
-    except NoBrowser as error:
-        print(f"No PDF: {error}", file=sys.stderr)
+    print(f"{judgement.word}: {written.page}.")
+    if written.pdf is not None:
+        print(f"On paper: {written.pdf}.")
+    else:
+        print(f"No PDF: {written.why_no_pdf}", file=sys.stderr)
+    record = written.record
+    print(f"Plan: {written.path}, revision {record.revision}, digest {record.short_digest}.")
     return 0 if judgement.verdict is Verdict.HOLDS else FAILED
 
 
@@ -158,8 +171,11 @@ def _parser() -> Parser:
     add("--swing", type=float, metavar="DEG", help=text)
     text = "largest probability that a perturbed lift comes closer than required, in percent; that "
     add("--risk", type=float, metavar="P", help=f"{text}of the site")
-    add("--lifts", type=int, default=10_000, metavar="N", help="perturbed lifts; 0: not judged")
-    add("--gusts", type=int, default=32, metavar="N", help="gusts in each wind; 0: not judged")
+    text = f"perturbed lifts, 0: not judged; {LIFTS}, in a comparison {COARSE_LIFTS}"
+    add("--lifts", type=int, metavar="N", help=text)
+    text = f"gusts in each wind, 0: not judged; {GUSTS}, in a comparison {COARSE_GUSTS}"
+    add("--gusts", type=int, metavar="N", help=text)
+    add_comparison(parser)
     return parser
 
 

@@ -12,8 +12,9 @@ import stat
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager, suppress
 from contextvars import ContextVar
+from io import BufferedReader
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 from cranedyn.errors import DataError, decimal_comma, quoted
 
@@ -24,7 +25,7 @@ MOST_TEXT = 5_000_000
 # --- reading --------------------------------------------------------------------------------------
 
 
-def open_file(path: str | Path) -> BinaryIO:
+def open_file(path: str | Path) -> BufferedReader:
     """Open a regular file to read; pipes and devices, which may never end, are refused.
 
     Raises:

@@ -41,6 +41,7 @@ SEARCHED = {
     "howto/reference": "input shaping, anti-sway, joystick",
     "howto/wind": "wind, gust",
     "howto/judge_lift": "load chart, capacity chart, wind limit, outriggers, method statement",
+    "howto/compare_lifts": "compare lifts, places of the crane",
     "howto/compare_controllers": "anti-sway, swing damping",
     "howto/commission": "plc, opc ua",
     "howto/view": "rerun",

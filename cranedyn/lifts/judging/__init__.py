@@ -33,5 +33,11 @@ and keeps the results in `analysis`; `lift_checks` asks them. Of what they are m
 `wrench`, which says how loads follow from the motion; `chart` and `plausible_chart`; `wind_limit`;
 `factors` and `wind_standards`. The report: `lift_tables`, `lift_figures`, `report_page`.
 
+A report becomes a plan that somebody signs by its record: `plan_record` is the format, and its only
+reader and writer; `plan_inputs` reads the files of a plan, `plan_writing` writes page, PDF and
+record, `plan_folder` knows revisions and signatures, `plan_changes` compares results, and
+`verify_plan` puts these together. `comparison` and `comparison_page` set many lifts beside each
+other.
+
 The judging stands above `cranedyn.lifts.planning`; docs/concepts/lifting.md derives the formulas.
 """

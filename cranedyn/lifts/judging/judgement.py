@@ -31,6 +31,12 @@ from cranedyn.lifts.judging.lift_figures import LiftFigure, figures
 from cranedyn.lifts.judging.lift_tables import Table, tables
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads
+from cranedyn.lifts.judging.plan_record import (
+    PlanMark,
+    PlanResult,
+    recorded_checks,
+    recorded_table,
+)
 from cranedyn.lifts.judging.plausible_chart import chart_findings
 from cranedyn.lifts.judging.wind_limit import wind_limit
 from cranedyn.lifts.planning.certificate import Certificate, certify
@@ -91,13 +97,22 @@ class Judgement:
         """Return the tables of the lift, whose notes name the command that makes them again."""
         return tables(self.analysis, command)
 
-    def html(self, command: str = "") -> str:
-        """Return the report as one HTML document that needs no other file and names the command
-        that makes it again.
+    @cached_property
+    def result(self) -> PlanResult:
+        """What came of the judgement, as the record of a plan holds it."""
+        recorded = []
+        for table in self.tables():
+            headers = [header for header, _ in table.columns]
+            recorded.append(recorded_table(table.title, headers, table.cells()))
+        return PlanResult(self.word, recorded_checks(self.checks), tuple(recorded))
+
+    def html(self, command: str = "", plan: PlanMark | None = None) -> str:
+        """Return the report as one HTML document that needs no other file, names the command that
+        makes it again, and carries the digest of a plan if one is given.
         """
         figures = [*self.figures.values()]
         return report_page.lift_html(
-            self.analysis, self.checks, self.tables(command), figures, command
+            self.analysis, self.checks, self.tables(command), figures, command, plan
         )
 
     def report(self, path: str | Path, command: str = "") -> Path:

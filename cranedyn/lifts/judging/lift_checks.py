@@ -39,7 +39,13 @@ def run_checks(
     if left_out:
         names = ", ".join(name.replace("_", " ") for name in left_out)
         checks.append(Check(f"Checks were left out: {names}.", None))
-    return checks + [function(analysis) for function in functions]
+    return checks + [_named_check(function, analysis) for function in functions]
+
+
+def _named_check(function: CheckFunction, analysis: LiftAnalysis) -> Check:
+    """Return the check of a function under the function's name, by which a plan records it."""
+    check = function(analysis)
+    return Check(check.sentence, check.verdict, getattr(function, "__name__", ""))
 
 
 def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:

@@ -26,6 +26,7 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_tables import Table
 from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.plan_record import PlanMark
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
@@ -72,6 +73,7 @@ def lift_html(
     tables: Sequence[Table],
     figures: Sequence[LiftFigure],
     command: str = "",
+    plan: PlanMark | None = None,
 ) -> str:
     """Return the report of a lift; its first table is on the first screen.
 
@@ -81,6 +83,7 @@ def lift_html(
         tables: Its tables.
         figures: Its figures.
         command: The command that makes its numbers again; empty if there is none.
+        plan: What the page says of the record that lies beside it; None if there is none.
     """
     verdict = overall(checks)
     return render(
@@ -98,6 +101,7 @@ def lift_html(
         limits=limits_of(analysis),
         command=command,
         versions=_versions(),
+        plan=plan,
     )
 
 

@@ -32,7 +32,11 @@ from cranedyn.lifts.judging.lift_checks import CHECKS, counter_jib_entered, run_
 from cranedyn.lifts.judging.lift_figures import _swept_boxes
 from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.loads import loads
+from cranedyn.lifts.judging.plan_folder import with_documents
+from cranedyn.lifts.judging.plan_record import PlanOptions, read_plan_record, write_plan_record
+from cranedyn.lifts.judging.plan_writing import PlanSource
 from cranedyn.lifts.judging.report_page import STATEMENT
+from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
 from cranedyn.lifts.judging.wind_limit import GUST_FACTOR, WindLimit, wind_limit
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.perturbed import (
@@ -45,8 +49,9 @@ from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
 from cranedyn.lifts.planning.site import Arm, Base
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.model.load import load_crane
-from cranedyn.verdict import Check, Verdict
+from cranedyn.verdict import Check, Verdict, overall
 from experiments import lift_report
+from experiments.lift_judging import judge_plan
 from tests.lifts.planning.sites import certificate, lift
 
 pytestmark = pytest.mark.slow
@@ -111,15 +116,42 @@ def test_the_page_is_printed(folder: Path) -> None:
     assert 3 <= len(re.findall(rb"/Type\s*/Page\b(?!s)", content)) <= 12
 
 
+def test_the_plan_is_verified_and_each_forged_cell_of_its_tables_is_found(
+    folder: Path, tmp_path: Path
+) -> None:
+    record = read_plan_record(folder / "lift.json")
+    page = (folder / "lift.html").read_text(encoding="utf-8")
+    assert record.digest in page and f'content: "Revision 1 · digest {record.short_digest}"' in page
+    untouched = verify(folder / "lift.html", judge_plan, NamedFiles(), recompute=False)
+    assert overall(untouched) is Verdict.HOLDS
+    # Somebody makes the lift lighter in record, page and digests alike, so that all files agree.
+    first = record.result.tables[0]
+    forged_rows = []
+    for row in first.rows:
+        forged_rows.append((row[0], "12.3 %", *row[2:]) if "utilisation" in row[0] else row)
+    shown = next(row[1] for row in first.rows if "utilisation" in row[0])
+    tables = (replace(first, rows=tuple(forged_rows)), *record.result.tables[1:])
+    forged = replace(record, result=replace(record.result, tables=tables))
+    forged_page = page.replace(f">{shown}<", ">12.3 %<").replace(record.digest, forged.digest)
+    (tmp_path / "lift.html").write_text(forged_page, encoding="utf-8")
+    write_plan_record(tmp_path / "lift.json", with_documents(forged, [tmp_path / "lift.html"]))
+    checks = verify(tmp_path / "lift.html", judge_plan, NamedFiles())
+    assert [check.sentence for check in checks if check.verdict is not Verdict.HOLDS] == [
+        f"Judged again: In numbers, utilisation of the chart, this lift: 12.3 % → {shown}."
+    ]
+
+
 def test_without_a_browser_there_is_a_sentence_and_the_page(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setattr(report_page, "BROWSERS", ("no such browser",))
     undecided = Judgement(small(), [Check("Nobody entered it.", None)])
     assert undecided.word == "NOT COMPLETE"
-    assert lift_report.write_pages(undecided, tmp_path, "") == 1
+    source = PlanSource.of(PlanOptions("open_yard"), "open_yard")
+    assert lift_report.write_pages(undecided, tmp_path, "", source) == 1
     assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
+    assert list(read_plan_record(tmp_path / "lift.json").documents) == ["lift.html"]
 
 
 def test_what_does_not_hold_is_no_go_and_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -507,6 +539,7 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         ("--falls 3", "There is no number of falls '3'; there are 2, 4."),
         ("--chart missing.toml", "Cannot read missing.toml"),
         ("--crane missing.urdf", "Cannot read missing.urdf"),
+        ("--set urdf:=5", "urdf is no number of a crane"),
         ("--set payload_mass:=5", "payload_mass is set by the experiment lift_report itself"),
     ],
 )
