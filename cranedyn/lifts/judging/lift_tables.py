@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.plan_checks import KMH, wind_text
+from cranedyn.lifts.judging.plan_tables import (
+    positions_table,
+    sequence_table,
+    wind_bounds_table,
+)
+from cranedyn.lifts.judging.table import Row, Table
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
 from cranedyn.lifts.planning.plan_assumptions import winch_of
-
-Row = list[float | str | None]
 
 CREEP_SHARE = 0.1
 """Creep speed of a hoist over its largest speed. No standard names it; this is an assumption."""
@@ -30,43 +34,22 @@ _SECOND_HAND = "second hand"
 _NOT_JUDGED = "not judged"
 """What stands in place of a number that was not computed."""
 
+SUMMARY_TITLE = "In numbers"
+"""Title of the table of the numbers that decide."""
+
 _LOADS_PAGE = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
-
-
-class Table(NamedTuple):
-    """A table of the report.
-
-    Attributes:
-        title: Title.
-        columns: Header and format of each column; an empty format is for text.
-        rows: Values; None is shown as a dash.
-        note: What to know about it.
-    """
-
-    title: str
-    columns: Sequence[tuple[str, str]]
-    rows: Sequence[Row]
-    note: str = ""
-
-    def cells(self) -> list[list[str]]:
-        """Return the rows as text."""
-        formats = [form for _, form in self.columns]
-        cells = []
-        for row in self.rows:
-            pairs = zip(row, formats, strict=True)
-            cells.append(["-" if value is None else format(value, form) for value, form in pairs])
-        return cells
 
 
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     """Return all tables of a lift, whose notes name the command that makes them again."""
     source_note = f" Again: {command}." if command else ""
-    result = [_summary(analysis), _lift(analysis), _assumptions(analysis)]
-    result.append(_loads(analysis, source_note))
+    result = [_summary(analysis), _lift(analysis)]
+    result += [positions_table(analysis), wind_bounds_table(analysis), sequence_table(analysis)]
+    result += [_assumptions(analysis), _loads(analysis, source_note)]
     result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
-        result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
+        result += [_wind(analysis.wind, source_note), _limits_in_use(analysis.wind)]
     if analysis.perturbed is not None:
         result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
@@ -81,20 +64,33 @@ def _summary(analysis: LiftAnalysis) -> Table:
         utilisation = f"{100.0 * float(analysis.utilisation.max()):.1f} %"
     gust = _NOT_JUDGED
     if analysis.wind is not None:
-        gust = f"{analysis.wind.limit():g} m/s"
+        gust = wind_text(analysis.wind.limit())
     probability = _NOT_JUDGED
     if analysis.perturbed is not None:
         probability = f"at most {100.0 * analysis.perturbed.interval()[1]:.2f} %"
     rows: list[Row] = [
         *_radius_rows(analysis),
-        ["utilisation of the chart", utilisation, f"{100.0 * WARNING:g} %"],
-        ["gust that the lift bears", gust, _or_dash(required.wind, 1.0, "m/s")],
+        ["utilisation of the chart", utilisation, f"{100.0 * chart_share(analysis):g} %"],
+        [
+            "gust that the lift bears",
+            gust,
+            "-" if required.wind is None else wind_text(required.wind),
+        ],
         ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
         ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
+        ["their least distance", perturbed_distance(analysis), f"{analysis.site.distance:g} m"],
         ["time of the lift", f"{analysis.duration:.0f} s", "-"],
     ]
     note = "Where each of these is from stands in the tables below."
-    return Table("In numbers", [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def perturbed_distance(analysis: LiftAnalysis) -> str:
+    """Return the least distance of the perturbed lifts to read, of those that did not break off."""
+    if analysis.perturbed is None:
+        return _NOT_JUDGED
+    distances = analysis.perturbed.least[np.isfinite(analysis.perturbed.least)]
+    return f"{distances.min():.2f} m" if len(distances) else "-"
 
 
 def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
@@ -186,7 +182,7 @@ def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross = hanging_mass(analysis.crane) / 1e3
     rigging = analysis.site.rigging
-    if not {"hook", "slings"} & rigging.keys():
+    if not rigging:
         return f"{gross:.2f} t; no hook block and no slings were entered"
     if not any(rigging.values()):
         return f"{gross:.2f} t with hook block and slings"
@@ -333,9 +329,11 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
         beyond = "fails" if failed else ", ".join(broken) or "none"
         numbers: Row = [None, None, None] if failed else values
-        rows.append([speed, wind_standards.wind_pressure(speed), *numbers, beyond])
+        pressure = wind_standards.wind_pressure(speed)
+        rows.append([speed, KMH * speed, pressure, *numbers, beyond])
     columns = [
         ("gust [m/s]", ".1f"),
+        ("[km/h]", ".0f"),
         ("pressure [Pa]", ".0f"),
         ("utilisation %", ".1f"),
         ("rope from plumb [°]", ".1f"),
@@ -350,24 +348,19 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     return Table("Wind", columns, rows, note)
 
 
-def _limits(limit: WindLimit) -> Table:
-    """Tabulate the wind limits of this lift beside those that standards have in general."""
-    rows: list[Row] = [
-        [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
-    ]
-    rows += [
-        [f"in use: {name}", speed, _SECOND_HAND] for name, speed in wind_standards.OPERATING.items()
-    ]
-    rows += [
-        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"]
-        for name, speed in wind_standards.IN_SERVICE.items()
-    ]
-    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
-    note = (
-        "The least that applies counts. The wind at which the crane itself must stop is its "
-        "maker's to say."
-    )
-    return Table("Wind limits", columns, rows, note)
+def _limits_in_use(limit: WindLimit) -> Table:
+    """Tabulate the gust of each limit of this lift beside those that standards have in general."""
+    named: list[tuple[str, float, str]] = []
+    for name in limit.allowed:
+        named.append((f"{name} of this lift", limit.limit(name), "this page"))
+    for name, speed in wind_standards.OPERATING.items():
+        named.append((f"in use: {name}", speed, _SECOND_HAND))
+    for name, speed in wind_standards.IN_SERVICE.items():
+        named.append((f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"))
+    rows: list[Row] = [[name, speed, KMH * speed, source] for name, speed, source in named]
+    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("[km/h]", ".0f"), ("from", "")]
+    note = "For comparison: what counts for this lift is the table of its wind limits."
+    return Table("Wind limits in comparison", columns, rows, note)
 
 
 def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:

@@ -24,8 +24,23 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_figures import LiftFigure
-from cranedyn.lifts.judging.lift_tables import Table
+from cranedyn.lifts.judging.lift_positions import lift_category
+from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
 from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.plan_checks import not_checked
+from cranedyn.lifts.judging.plan_fields import (
+    counting_assumptions,
+    field_groups,
+    identification,
+    signatures,
+)
+from cranedyn.lifts.judging.plan_tables import (
+    PLACES_TITLE,
+    POSITIONS_TITLE,
+    SEQUENCE_TITLE,
+    WIND_TITLE,
+)
+from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
@@ -73,27 +88,40 @@ def lift_html(
     figures: Sequence[LiftFigure],
     command: str = "",
 ) -> str:
-    """Return the report of a lift; its first table is on the first screen.
+    """Return the report of a lift: a page to decide by and to sign, then every number.
 
     Args:
         analysis: The lift.
         checks: Its checks, whose verdict together is that of the report.
-        tables: Its tables.
+        tables: Its tables, see `cranedyn.lifts.judging.lift_tables.tables`.
         figures: Its figures.
         command: The command that makes its numbers again; empty if there is none.
     """
     verdict = overall(checks)
+    named = {table.title: shown for table, shown in zip(tables, page_tables(tables), strict=True)}
+    places = POSITIONS_TITLE if POSITIONS_TITLE in named else PLACES_TITLE
     return render(
         _TEMPLATE,
         title=f"Lift: {analysis.site.name}",
         verdict=verdict,
         word=WORDS[verdict],
         reason=_reason(checks),
+        category=lift_category(analysis),
         picture=_picture(analysis),
+        identification=identification(analysis),
+        against=[check for check in worst_first(checks) if check.verdict is not Verdict.HOLDS],
+        numbers=named.pop(SUMMARY_TITLE),
+        wind=named.pop(WIND_TITLE),
+        positions=named.pop(places),
+        counting=counting_assumptions(analysis),
+        signatures=signatures(analysis),
         checks=worst_first(checks),
+        not_checked=not_checked(analysis),
         unusual=analysis.unusual,
         statement=STATEMENT,
-        tables=page_tables(tables),
+        sequence=named.pop(SEQUENCE_TITLE),
+        groups=field_groups(analysis),
+        tables=list(named.values()),
         figures=page_figures(figures),
         limits=limits_of(analysis),
         command=command,

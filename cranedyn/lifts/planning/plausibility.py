@@ -205,8 +205,8 @@ LARGEST_AREA_SHARE = 1.05
 rest is rounding."""
 
 FARTHEST_LIFTING_POINT = 1.5
-"""Coordinate of a lifting point over half of the side of the box around the load, beyond which it is
-unusual: lugs stand out a little."""
+"""Coordinate of a lifting point over half of the side of the box around the load, beyond which it
+is unusual: lugs stand out a little."""
 
 FARTHEST_POINT_OF_LOAD = 20.0
 """The same, beyond which it cannot be meant."""
