@@ -15,7 +15,11 @@ from cranedyn.lifts.judging.plan_checks import corner_range, plan_checks, wind_t
 from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
-from cranedyn.lifts.planning.plan_assumptions import EARTH_GRAVITY, rates_text
+from cranedyn.lifts.planning.plan_assumptions import (
+    EARTH_GRAVITY,
+    described_as_tower,
+    rates_text,
+)
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
 
@@ -96,7 +100,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     compared as its description draws it.
     """
     clearance = analysis.certificate.lift.clearance
-    if not isinstance(clearance, TowerClearance) or not _is_entered_as_tower(analysis):
+    if not isinstance(clearance, TowerClearance) or not described_as_tower(analysis.site):
         return Check(
             "Every part of the crane that moves is compared as its description draws it: "
             f"{', '.join(clearance.parts.moving)}.",
@@ -125,14 +129,6 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     return Check(
         "[counter_jib] length of the site is missing; it turns freely with the length drawn.", None
     )
-
-
-def _is_entered_as_tower(analysis: LiftAnalysis) -> bool:
-    """Return whether the site enters jib and counter-jib: those of the tower crane of this project,
-    where `[crane]` names no other one. Another description has them.
-    """
-    described = analysis.site.description
-    return described is None or described.is_tower
 
 
 def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
@@ -217,7 +213,7 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     if site.base is None:
         missing.append("[base]")
     # The description of another crane has the masses of its boom and counterweight.
-    is_tower = _is_entered_as_tower(analysis)
+    is_tower = described_as_tower(analysis.site)
     if is_tower and not any(arm.centre >= 0.0 for arm in site.arms):
         missing.append("[jib]")
     if is_tower and not any(arm.centre <= 0.0 for arm in site.arms):

@@ -12,7 +12,7 @@ from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
-from cranedyn.lifts.judging.plan_checks import KMH, wind_text
+from cranedyn.lifts.judging.plan_checks import KMH, in_words, wind_text
 from cranedyn.lifts.judging.plan_tables import (
     positions_table,
     sequence_table,
@@ -49,7 +49,9 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     result += [_assumptions(analysis), _loads(analysis, source_note)]
     result += [_clearances(analysis, source_note), _factors(analysis)]
     if analysis.wind is not None:
-        result += [_wind(analysis.wind, source_note), _limits_in_use(analysis.wind)]
+        slews = "radius_m" in analysis.loads.values
+        result.append(_wind(analysis.wind, source_note))
+        result.append(_limits_in_use(analysis.wind, slews=slews))
     if analysis.perturbed is not None:
         result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
@@ -291,11 +293,14 @@ def _factors(analysis: LiftAnalysis) -> Table:
     ]
     drives = crane.layout.drives.tolist()
     joints = LoadJoints.of(crane)
+    named = []
     if joints.trolley in drives:
+        named.append("trolley")
         acceleration = limits.accelerations[drives.index(joints.trolley)]
         needed = outward / (mass * acceleration)
         rows.append(["ψ_h of the trolley", psi, needed, "FEM 1.001, A.2.2.3"])
     if joints.slew in drives:
+        named.append("slew")
         radius = float(loads["radius_m"].max())
         acceleration = limits.accelerations[drives.index(joints.slew)]
         needed = sideways / (mass * acceleration * radius)
@@ -307,10 +312,15 @@ def _factors(analysis: LiftAnalysis) -> Table:
         picked_up = "Picking up is not in it: lift-off was not simulated."
     else:
         picked_up = "Picking up is in it."
+    sideways_note = ""
+    if named:
+        sideways_note = (
+            "; its horizontal pull over mass times the limit of acceleration of the "
+            f"{in_words(named)}"
+        )
     note = (
-        f"Clauses were read {_SECOND_HAND}. Needed: largest pull of the rope over the weight, "
-        "along and across the jib over mass times the limits of acceleration of trolley and slew. "
-        f"{picked_up} Again: cranedyn run factors."
+        f"Clauses were read {_SECOND_HAND}. Needed: largest pull of the rope over the weight"
+        f"{sideways_note}. {picked_up} Again: cranedyn run factors."
     )
     return Table("Dynamic factors", columns, rows, note)
 
@@ -348,12 +358,19 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     return Table("Wind", columns, rows, note)
 
 
-def _limits_in_use(limit: WindLimit) -> Table:
-    """Tabulate the gust of each limit of this lift beside those that standards have in general."""
+def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:
+    """Tabulate the gust of each limit of this lift beside those that standards have in general.
+
+    Args:
+        limit: The limits of this lift.
+        slews: Whether the crane slews.
+    """
     named: list[tuple[str, float, str]] = []
     for name in limit.allowed:
         named.append((f"{name} of this lift", limit.limit(name), "this page"))
-    for name, speed in wind_standards.OPERATING.items():
+    # These are in use for tower and mobile cranes; a bridge may be in a hall.
+    operating = wind_standards.OPERATING if slews else {}
+    for name, speed in operating.items():
         named.append((f"in use: {name}", speed, _SECOND_HAND))
     for name, speed in wind_standards.IN_SERVICE.items():
         named.append((f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"))

@@ -17,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.planning.rigging import (
     attachment_height,
@@ -52,7 +53,14 @@ def plan_checks(analysis: LiftAnalysis) -> list[Check]:
 
 def not_checked(analysis: LiftAnalysis) -> list[str]:
     """Return what is not checked because nobody entered anything of it, in sentences."""
-    return [what for function, what in PLAN_CHECKS.items() if function(analysis) is None]
+    on_rails = LoadJoints.of(analysis.crane).travel is not None
+    sentences = []
+    for function, sentence in PLAN_CHECKS.items():
+        # A crane on rails has wheel loads in the place of a pressure on the ground.
+        applies = bool(sentence) and not (function is ground_bears and on_rails)
+        if applies and function(analysis) is None:
+            sentences.append(sentence)
+    return sentences
 
 
 def in_words(names: list[str]) -> str:
@@ -399,7 +407,7 @@ def wind_text(speed: float) -> str:
 
 PLAN_CHECKS: dict[PlanCheck, str] = {
     slings_bear: "The slings: [rigging.slings] enters neither their number nor their limit.",
-    spreader_bears: "A spreader: [rigging.spreader] enters none.",
+    spreader_bears: "",  # a lift without a spreader lacks nothing
     centre_between_lifting_points: (
         "How the load hangs: [load] lacks lifting_points or centre, its centre of gravity."
     ),
@@ -414,4 +422,4 @@ PLAN_CHECKS: dict[PlanCheck, str] = {
     ),
 }
 """The checks of what a site enters, in the order of the report, each with the sentence that takes
-its place where nothing of it was entered."""
+its place where nothing of it was entered; an empty one where nothing is missing then."""

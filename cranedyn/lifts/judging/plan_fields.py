@@ -203,7 +203,7 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     if wheels is not None:
         permitted = None if runway is None or runway.permitted is None else runway.permitted
         fields = [
-            PlanField("Largest force of a wheel", f"{wheels.max() / 1e3:.0f} kN"),
+            PlanField("Largest force of a wheel, load as entered", f"{wheels.max() / 1e3:.0f} kN"),
             PlanField("The rail may bear", None if permitted is None else kilonewtons(permitted)),
         ]
         return FieldGroup("Runway", fields)
@@ -216,7 +216,10 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
         mat = f"{ground.mat_length:g} m × {ground.mat_width:g} m"
     bears = ground.permitted_pressure
     fields = [
-        PlanField("Largest force of a corner", None if forces is None else kilonewtons(forces[1])),
+        PlanField(
+            "Largest force of a corner, heavier load",
+            None if forces is None else kilonewtons(forces[1]),
+        ),
         PlanField("Permitted force", None if force is None else kilonewtons(force)),
         PlanField("Mat below each corner", mat),
         PlanField("Bearing pressure", None if pressure is None else f"{pressure / 1e3:.0f} kPa"),

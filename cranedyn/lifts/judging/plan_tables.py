@@ -18,6 +18,9 @@ PLACES_TITLE = "Pick-up and set-down"
 WIND_TITLE = "Wind limits"
 """Title of the table of the winds in which the lift stops."""
 
+NO_BREAK = "\N{NO-BREAK SPACE}"
+"""A space at which no line is broken."""
+
 SEQUENCE_TITLE = "Sequence"
 """Title of the table of the steps of a lift."""
 
@@ -68,7 +71,7 @@ def wind_bounds_table(analysis: LiftAnalysis) -> Table:
     bounds = wind_bounds(analysis)
     rows: list[Row] = []
     for bound in bounds:
-        first = "" if bound is not bounds[0] else ", the least: it counts"
+        first = "" if bound is not bounds[0] else ", the least that is known"
         rows.append([f"{_whose(analysis, bound.source)}{first}", bound.gust, KMH * bound.gust])
     known = [bound.source for bound in bounds]
     for source in (MAKER, SITE):
@@ -105,8 +108,9 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     speaks = people.signaller or BLANK
     rows: list[Row] = []
     for step in lift_steps(analysis):
-        times = f"{step.begins:.0f} to {step.ends:.0f}"
-        place = point_text(step.place)
+        # Spaces that do not break keep times and points in one line of a narrow column.
+        times = f"{step.begins:.0f} to {step.ends:.0f}".replace(" ", NO_BREAK)
+        place = point_text(step.place).replace(" ", NO_BREAK)
         rows.append([str(step.number), times, step.action, step.speeds or "-", place, speaks])
     columns = [
         ("step", ""),

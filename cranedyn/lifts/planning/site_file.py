@@ -63,6 +63,10 @@ SITES = Path(__file__).parent / "sites"
 EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 """Names of the example sites."""
 
+PLAN_EXAMPLES = ("signed_lift",)
+"""Names of the example sites with every field of a lift plan; the experiment `lift` does not plan
+their lifts, which would be those of `EXAMPLES` again."""
+
 CHART_EXAMPLES = ("laboratory", "mct88")
 """Names of the example charts: of this project's crane, and points of a maker's sheet."""
 
@@ -79,7 +83,7 @@ def read_site(path: str | Path) -> Site:
             obstacles have one name.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, EXAMPLES, "site")
+    path = example_path(path, SITES, (*EXAMPLES, *PLAN_EXAMPLES), "site")
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
     tables = _tables(top, lines)
     ground = tables["ground"].number("height")
