@@ -6,9 +6,8 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from cranedyn.checks import check_choice
 from cranedyn.data.files import read_text, write_text
-from cranedyn.errors import DataError
+from cranedyn.errors import DataError, UnknownName
 
 _FOLDER = Path(__file__).with_name("templates")
 
@@ -26,7 +25,8 @@ def template_text(name: str) -> str:
     Raises:
         UnknownName: If there is no template of that name.
     """
-    check_choice("template", name, TEMPLATES)
+    if name not in TEMPLATES:
+        raise UnknownName("template", name, TEMPLATES)
     return read_text(_FOLDER / f"{name}.toml")
 
 
