@@ -243,11 +243,11 @@ class _Trial:
         """
         drawn = _perturbations(np.array([[speed, *gust]]))
         clearance = self.certificate.lift.clearance
-        (perturbed,) = simulate_perturbed(self.certificate, drawn, dt=self.dt)
-        q = perturbed.batch.q[0]
-        if not np.isfinite(q).all():
-            return None
-        return clearance.nearest(q[clearance.nearest_row(q)])
+        for perturbed in simulate_perturbed(self.certificate, drawn, dt=self.dt):
+            q = perturbed.batch.q[0]
+            if np.isfinite(q).all():
+                return clearance.nearest(q[clearance.nearest_row(q)])
+        return None
 
 
 def _perturbations(rows: np.ndarray) -> dict[str, np.ndarray]:

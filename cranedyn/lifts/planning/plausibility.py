@@ -179,7 +179,7 @@ HEIGHT_UNDER_HOOK = Quantity(
 PRESSURE = Quantity(
     "The permitted bearing pressure",
     "kPa",
-    (0.1, 1e5),
+    (1.0, 1e5),
     (30.0, 5e3),
     {"pascals": 1e-3, "tonnes per square metre": 9.81, "newtons per square millimetre": 1e3},
 )
