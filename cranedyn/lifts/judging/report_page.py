@@ -27,7 +27,7 @@ from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
 from cranedyn.lifts.judging.load_joints import LoadJoints
-from cranedyn.lifts.judging.plan_checks import not_checked
+from cranedyn.lifts.judging.plan_checks import not_checked, sling_force
 from cranedyn.lifts.judging.plan_fields import (
     counting_assumptions,
     field_groups,
@@ -42,7 +42,7 @@ from cranedyn.lifts.judging.plan_tables import (
 )
 from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.planning.ground_lift import stands_at
-from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
+from cranedyn.lifts.planning.perturbed import drag_area
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
 from cranedyn.verdict import Check, Verdict, overall
@@ -173,6 +173,7 @@ def _picture(analysis: LiftAnalysis) -> PageFigure:
 def limits_of(analysis: LiftAnalysis) -> list[str]:
     """Return what the numbers of a lift do not say, in sentences."""
     sentences = []
+    lift = analysis.certificate.lift
     if analysis.grounded is None:
         sentences.append(
             "The model's rope has no mass and does not stretch, and the crane has no play."
@@ -184,7 +185,10 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
             f"The model's rope has no mass; it stretches by its stiffness EA of "
             f"{float(rope.stiffness):.3g} N. The crane has no play."
         )
-    sentences.append("Structure, ropes, slings and lifting points are not checked for strength.")
+    unchecked = "Structure, ropes and lifting points are not checked for strength"
+    if sling_force(analysis) is None:
+        unchecked += ", and neither are the slings"
+    sentences.append(f"{unchecked}.")
     hanging = []
     not_simulated = []
     for end, phase in (
@@ -205,9 +209,9 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
         )
     if analysis.perturbed is not None or analysis.wind is not None:
         sentences.append(
-            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, as "
-            f"a box of drag coefficient {DRAG_COEFFICIENT:g}; what it does to the crane's "
-            "structure is not in it."
+            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, "
+            f"whose area times drag coefficient is {drag_area(lift.clearance):.3g} m²; what it "
+            "does to the crane's structure is not in it."
         )
     else:
         sentences.append("Nothing was computed in wind.")

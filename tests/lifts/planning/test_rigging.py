@@ -111,14 +111,14 @@ def test_the_rigging_is_as_high_as_its_legs_and_its_spreader() -> None:
 
 
 def test_a_load_in_legs_of_one_length_turns_until_its_centre_is_plumb_below_the_hook() -> None:
-    """Legs of 3 m on points √5 m aside meet 2 m above them. The centre, 0.5 m below the points and
-    0.25 m aside, is 2.5 m below the hook: tan of the tilt is a tenth.
+    """Legs of 3 m on points √5 m aside meet 2 m above them. The centre, 1 m below the points and
+    0.25 m aside, is 3 m below the hook: tan of the tilt is a twelfth.
     """
     slings = Slings(number=4, length=3.0)
     level = LoadDetails(centre=(0.0, 0.0, 0.0), lifting_points=SQUARE)
     assert tilt(details(level, slings)) == pytest.approx(0.0, abs=1e-12)
-    aside = LoadDetails(centre=(0.0, 0.25, 0.0), lifting_points=SQUARE)
-    assert tilt(details(aside, slings)) == pytest.approx(math.atan(0.1))
+    aside = LoadDetails(centre=(0.0, 0.25, -0.5), lifting_points=SQUARE)
+    assert tilt(details(aside, slings)) == pytest.approx(math.atan(1.0 / 12.0))
     # Two legs: the hook is above the middle between the points.
     two = LoadDetails(centre=(0.0, 0.25, 0.0), lifting_points=((0.0, -2.0, 0.5), (0.0, 2.0, 0.5)))
     hook = math.sqrt(9.0 - 4.0)
