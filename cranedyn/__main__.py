@@ -361,7 +361,7 @@ def _template(parser: _Parser) -> None:
 
     Example: cranedyn template site yard.toml
     """
-    from cranedyn.lifts.file_templates import TEMPLATES
+    from cranedyn.lifts.planning.file_templates import TEMPLATES
 
     kinds = "; ".join(f"{name}: {meaning}" for name, meaning in TEMPLATES.items())
     add = parser.add_argument
@@ -373,10 +373,10 @@ def _template(parser: _Parser) -> None:
 
 def _run_template(options: argparse.Namespace) -> int:
     """Write the template, say how to go on, and return the exit code."""
-    from cranedyn.lifts.file_templates import write_template
+    from cranedyn.lifts.planning.file_templates import write_file_template
 
     file = options.file or Path(f"{options.kind}.toml")
-    write_template(options.kind, file)
+    write_file_template(options.kind, file)
     print(f"Written to {file}. All values in it are examples: enter yours.")
     remark = "  # once it is filled in"
     if options.kind == "site":

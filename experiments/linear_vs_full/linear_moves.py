@@ -126,7 +126,7 @@ SITES = (
 """The article's crane, and three of a maker's list."""
 
 
-class Job(NamedTuple):
+class MoveJob(NamedTuple):
     """A move that begins with the load hanging at rest.
 
     Attributes:
@@ -142,7 +142,7 @@ class Job(NamedTuple):
     arrival: float
 
 
-def jobs(site: SiteCrane, crane: Crane) -> list[Job]:
+def jobs(site: SiteCrane, crane: Crane) -> list[MoveJob]:
     """Return the moves: single drives, in splines and at constant speed between ramps, then pairs,
     then all.
     """
@@ -191,7 +191,7 @@ ANGLES = (1.0, 2.0, 5.0, 10.0, 20.0)
 """Short slews [°]."""
 
 
-def slow_slews(site: SiteCrane, crane: Crane) -> list[Job]:
+def slow_slews(site: SiteCrane, crane: Crane) -> list[MoveJob]:
     """Return slews at shares of the crane's rate, reached in the usual time."""
     slew, trolley, hoist = site.accelerations
     slews = []
@@ -203,7 +203,7 @@ def slow_slews(site: SiteCrane, crane: Crane) -> list[Job]:
     return slews
 
 
-def short_slews(site: SiteCrane, crane: Crane) -> list[Job]:
+def short_slews(site: SiteCrane, crane: Crane) -> list[MoveJob]:
     """Return slews by small angles at the usual acceleration, most of which never reach the
     rate.
     """
@@ -224,7 +224,9 @@ def _outside(site: SiteCrane, crane: Crane) -> State:
     return crane.state(x=0.9 * site.jib, l=2.0 / 3.0 * site.height)
 
 
-def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]) -> Job:
+def _splined(
+    name: str, site: SiteCrane, crane: Crane, start: State, goal: Sequence[float]
+) -> MoveJob:
     """Return a move by a quintic spline, as fast as the limits of the drives allow."""
     (duration,) = shortest(
         crane,
@@ -233,17 +235,17 @@ def _splined(name: str, site: SiteCrane, crane: Crane, start: State, goal: Seque
         rates=(site.slew, site.trolley, site.fast_hoist),
         accelerations=site.accelerations,
     )
-    return Job(name, start, spline(crane, start, [goal], [duration]), duration)
+    return MoveJob(name, start, spline(crane, start, [goal], [duration]), duration)
 
 
 def _pulsed(
     crane: Crane, accelerations: Sequence[float], name: str, start: State, *pulses: JoystickPulse
-) -> Job:
+) -> MoveJob:
     """Return a move by pulses of the joystick, which ends once all drives stand still again."""
     limits = dict(zip(("gamma", "x", "l"), accelerations, strict=True))
     ends = [pulse.at + pulse.hold + abs(pulse.rate) / limits[pulse.drive] for pulse in pulses]
     reference = joystick(crane, start, pulses, accelerations=accelerations)
-    return Job(name, start, reference, max(ends))
+    return MoveJob(name, start, reference, max(ends))
 
 
 INERTIA = {"payload_inertia": 400.0, "dummy_mass": 50.0, "dummy_inertia": 50.0}
@@ -276,7 +278,7 @@ class LinearCase(NamedTuple):
     """
 
     site: SiteCrane
-    job: Job
+    job: MoveJob
     run: Trajectory
     paper: Miss
     rates: Miss
@@ -285,7 +287,7 @@ class LinearCase(NamedTuple):
     dropped: Mapping[str, float]
 
 
-def move(setup: Setup, crane: Crane, job: Job, label: str) -> Trajectory:
+def move(setup: Setup, crane: Crane, job: MoveJob, label: str) -> Trajectory:
     """Make a move and one swing after it, the drives in prescribed motion."""
     length = job.reference(job.arrival).position[crane.layout.drive("l")]
     period = float(theory.point_period(length, setup.gravity))
@@ -334,7 +336,7 @@ def _missed(setup: Setup, run: Trajectory, model: Model) -> Miss:
     return miss(run, integrate(run, model, setup.gravity))
 
 
-def scan(setup: Setup, crane: Crane, jobs_of_crane: Sequence[Job]) -> list[float]:
+def scan(setup: Setup, crane: Crane, jobs_of_crane: Sequence[MoveJob]) -> list[float]:
     """Return the error of the paper's equations in each of some moves, root mean square over the
     largest swing.
     """
@@ -387,7 +389,7 @@ def powers(setup: Setup, site: SiteCrane, crane: Crane) -> HoistingPowers:
     # The largest rate of a quintic spline is 15/8 of its mean: it is the slow speed of the hoist.
     duration = 15.0 / 8.0 * (first - last) / site.slow_hoist
     goal = (0.0, start.q[crane.layout.index("x")], last)
-    job = Job("", start, spline(crane, start, [goal], [duration]), duration)
+    job = MoveJob("", start, spline(crane, start, [goal], [duration]), duration)
     run = move(setup, crane, job, f"{site.name}: slow hoisting")
     by_paper, by_paper_rates = np.split(integrate(run, paper, setup.gravity), 2, axis=1)
 

@@ -65,7 +65,7 @@ def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
     last = int(rows[-1])
     named = [("pick-up", first)]
     radius = analysis.loads.values.get("radius_m")
-    wheels = wheel_forces(analysis)
+    wheels = largest_wheel_force(analysis)
     if radius is not None:
         named.append(("largest radius", int(rows[radius[rows].argmax()])))
     elif wheels is not None:
@@ -74,7 +74,7 @@ def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
     return [_position(analysis, name, row, wheels) for name, row in named]
 
 
-def wheel_forces(analysis: LiftAnalysis) -> np.ndarray | None:
+def largest_wheel_force(analysis: LiftAnalysis) -> np.ndarray | None:
     """Return the largest force of a wheel in each row [N], shape (rows,); None for a crane whose
     wheels are not known.
     """

@@ -12,7 +12,7 @@ import numpy as np
 
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.lift_positions import wheel_forces
+from cranedyn.lifts.judging.lift_positions import largest_wheel_force
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
     corner_range,
@@ -21,7 +21,7 @@ from cranedyn.lifts.judging.plan_checks import (
     sling_force,
     wind_text,
 )
-from cranedyn.lifts.judging.table import point_text
+from cranedyn.lifts.judging.table import place_text
 
 COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
 """Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
@@ -110,7 +110,7 @@ def _load(analysis: LiftAnalysis) -> FieldGroup:
     size = np.ptp(analysis.certificate.lift.clearance.bodies.load, axis=0)
     rigging = sum(site.rigging.values())
     mass = site.crane.get("payload_mass")
-    points = "; ".join(point_text(point, 2) for point in load.lifting_points)
+    points = "; ".join(place_text(point, 2) for point in load.lifting_points)
     fields = [
         PlanField("Mass of the load", None if mass is None else tonnes(mass - rigging)),
         PlanField("How it is known", load.source),
@@ -118,7 +118,7 @@ def _load(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Size across, along, high", " × ".join(f"{side:.2f}" for side in size) + " m"),
         PlanField(
             "Centre of gravity, from the middle of the box",
-            None if load.centre is None else f"{point_text(load.centre, 2)} m",
+            None if load.centre is None else f"{place_text(load.centre, 2)} m",
         ),
         PlanField("Lifting points, from there", f"{points} m" if points else None),
         PlanField("Area to the wind", None if load.area is None else f"{load.area:g} m²"),
@@ -199,7 +199,7 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     """Return forces on the ground or the rails, mats and pressures."""
     ground = analysis.site.details.ground
     runway = analysis.site.runway
-    wheels = wheel_forces(analysis)
+    wheels = largest_wheel_force(analysis)
     if wheels is not None:
         permitted = None if runway is None or runway.permitted is None else runway.permitted
         fields = [

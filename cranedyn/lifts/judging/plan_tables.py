@@ -6,7 +6,7 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_positions import LiftPosition, lift_positions
 from cranedyn.lifts.judging.plan_checks import KMH, LOAD, MAKER, SITE, wind_bounds
 from cranedyn.lifts.judging.sequence import lift_steps
-from cranedyn.lifts.judging.table import BLANK, Row, Table, point_text
+from cranedyn.lifts.judging.table import BLANK, Row, Table, place_text
 from cranedyn.lifts.judging.wind_limit import STRONGEST
 
 POSITIONS_TITLE = "Pick-up, largest radius, set-down"
@@ -40,7 +40,7 @@ def positions_table(analysis: LiftAnalysis) -> Table:
         columns.append(("wheel, most [kN]", ".0f"))
     rows = []
     for position in positions:
-        row: Row = [position.name, point_text(position.place)]
+        row: Row = [position.name, place_text(position.place)]
         if slews:
             row.append(position.radius)
         row += _capacity(position)
@@ -110,7 +110,7 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     for step in lift_steps(analysis):
         # Spaces that do not break keep times and points in one line of a narrow column.
         times = f"{step.begins:.0f} to {step.ends:.0f}".replace(" ", NO_BREAK)
-        place = point_text(step.place).replace(" ", NO_BREAK)
+        place = place_text(step.place).replace(" ", NO_BREAK)
         rows.append([str(step.number), times, step.action, step.speeds or "-", place, speaks])
     columns = [
         ("step", ""),

@@ -39,6 +39,6 @@ class Table(NamedTuple):
         return cells
 
 
-def point_text(point: Sequence[float] | np.ndarray, digits: int = 1) -> str:
+def place_text(point: Sequence[float] | np.ndarray, digits: int = 1) -> str:
     """Return a point to read [m], with some digits after the decimal point."""
     return f"({', '.join(f'{float(coordinate):.{digits}f}' for coordinate in point)})"

@@ -9,7 +9,6 @@ import pytest
 
 from cranedyn.__main__ import main
 from cranedyn.errors import UnknownName
-from cranedyn.lifts.file_templates import TEMPLATES, template_text, write_template
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.planning.details_file import (
     CRANE_FIELDS,
@@ -22,6 +21,7 @@ from cranedyn.lifts.planning.details_file import (
     SLING_FIELDS,
     SPREADER_FIELDS,
 )
+from cranedyn.lifts.planning.file_templates import TEMPLATES, template_text, write_file_template
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.sites.crane_site_file import read_crane_site
 
@@ -88,4 +88,4 @@ def test_a_template_is_written_once(
     assert "it is there already; name another" in capsys.readouterr().err
     assert Path("site.toml").read_text(encoding="utf-8") == "mine"
     with pytest.raises(UnknownName, match="There is no template 'sites'"):
-        write_template("sites", tmp_path / "new.toml")
+        write_file_template("sites", tmp_path / "new.toml")

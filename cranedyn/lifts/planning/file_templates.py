@@ -30,7 +30,7 @@ def template_text(name: str) -> str:
     return read_text(_FOLDER / f"{name}.toml")
 
 
-def write_template(name: str, path: Path) -> None:
+def write_file_template(name: str, path: Path) -> None:
     """Write a template of `TEMPLATES` to a new file.
 
     Raises:
