@@ -30,8 +30,8 @@ from experiments.linear_vs_full.linear_equations import (
 from experiments.linear_vs_full.linear_moves import (
     SITES,
     HoistingPowers,
-    Job,
     LinearCase,
+    MoveJob,
     SiteCrane,
     jobs,
     reaches,
@@ -254,7 +254,14 @@ def _cases() -> list[LinearCase]:
     dropped = dict.fromkeys(SLEWING_TERMS, 0.4)
     return [
         LinearCase(
-            site, Job(name, run.state(0), lambda t: None, 1.0), run, of, small, None, 0.3, dropped
+            site,
+            MoveJob(name, run.state(0), lambda t: None, 1.0),
+            run,
+            of,
+            small,
+            None,
+            0.3,
+            dropped,
         )  # type: ignore[arg-type,return-value]
         for site in SITES
         for name, of in names.items()

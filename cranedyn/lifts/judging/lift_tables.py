@@ -46,8 +46,8 @@ def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     source_note = f" Again: {command}." if command else ""
     result = [_summary(analysis), _lift(analysis)]
     result += [positions_table(analysis), wind_bounds_table(analysis), sequence_table(analysis)]
-    result += [_assumptions(analysis), _loads(analysis, source_note)]
-    result += [_clearances(analysis, source_note), _factors(analysis)]
+    result += [_loads(analysis, source_note), _clearances(analysis, source_note)]
+    result += [_assumptions(analysis), _factors(analysis)]
     if analysis.wind is not None:
         slews = "radius_m" in analysis.loads.values
         result.append(_wind(analysis.wind, source_note))
