@@ -88,11 +88,19 @@ def _summary(analysis: LiftAnalysis) -> Table:
 
 
 def perturbed_distance(analysis: LiftAnalysis) -> str:
-    """Return the least distance of the perturbed lifts to read, of those that did not break off."""
-    if analysis.perturbed is None:
+    """Return the least distance of the perturbed lifts to read, of those that did not break off.
+
+    Where it is no less than required it is a lower bound: a distance that suffices is not measured
+    further.
+    """
+    perturbed = analysis.perturbed
+    if perturbed is None:
         return _NOT_JUDGED
-    distances = analysis.perturbed.least[np.isfinite(analysis.perturbed.least)]
-    return f"{distances.min():.2f} m" if len(distances) else "-"
+    distances = perturbed.least[np.isfinite(perturbed.least)]
+    if not len(distances):
+        return "-"
+    least = float(distances.min())
+    return f"{least:.2f} m" + (" or more" if least >= perturbed.required else "")
 
 
 def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
