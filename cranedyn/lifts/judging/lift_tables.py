@@ -267,8 +267,13 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
+    clearance = certificate.lift.clearance
+    envelope = clearance.envelope(float(np.max(clearance.cable(certificate.run.q))))
+    swing = math.degrees(analysis.site.swing)
     note = (
-        f"Of all that hangs; proven between the instants (docs/concepts/planning.md).{source_note}"
+        "Of all that hangs; proven between the instants (docs/concepts/planning.md). The plan "
+        f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of {swing:.3g}°."
+        f"{source_note}"
     )
     return Table("Clearances", columns, rows, note)
 

@@ -22,7 +22,7 @@ from cranedyn.lifts.planning.plan_details import (
     SlingType,
     Spreader,
 )
-from cranedyn.lifts.planning.site_table import FieldLines, SiteTable
+from cranedyn.lifts.planning.site_table import POINT_RANGE, FieldLines, SiteTable
 
 SLING_TYPES: tuple[SlingType, ...] = ("chain", "wire rope", "webbing", "round")
 """What slings may be made of."""
@@ -146,7 +146,7 @@ def _crane(crane: SiteTable) -> CraneDocuments:
 
 def _load(load: SiteTable) -> LoadDetails:
     """Return what is known of the load beside its mass and its size."""
-    centre = load.optional_numbers("centre", 3)
+    centre = load.optional_numbers("centre", 3, allowed=POINT_RANGE)
     return LoadDetails(
         source=_choice(load, "source", WEIGHT_SOURCES),
         centre=None if centre is None else (centre[0], centre[1], centre[2]),

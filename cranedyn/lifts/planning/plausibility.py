@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.plan_details import LoadDetails
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails
 from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
@@ -414,11 +414,26 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     """Yield what is unusual of slings, spreader and hook block, and of the points of the load."""
     details = site.details
     slings = details.slings
+    spreader = details.spreader
+    for quantity, value, table, field in (
+        (SLING_LIMIT, slings.limit, "rigging.slings", "limit"),
+        (SLING_LENGTH, slings.length, "rigging.slings", "length"),
+        (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
+        (SPREADER_HEIGHT, spreader and spreader.height, "rigging.spreader", "height"),
+        (SPREADER_LIMIT, spreader and spreader.limit, "rigging.spreader", "limit"),
+    ):
+        if value is not None:
+            yield from judge_value(quantity, value, table, field)
+    yield from _of_legs(details)
+    if site.load is not None:
+        half = np.ptp(site.load, axis=0) / 2.0
+        yield from _of_points(details.load, half)
+
+
+def _of_legs(details: PlanDetails) -> Iterator[Finding]:
+    """Yield what is unusual of angle and number of the legs of the slings."""
+    slings = details.slings
     table = "rigging.slings"
-    if slings.limit is not None:
-        yield from judge_value(SLING_LIMIT, slings.limit, table, "limit")
-    if slings.length is not None:
-        yield from judge_value(SLING_LENGTH, slings.length, table, "length")
     if slings.angle is not None and slings.number != 1:
         yield from judge_value(SLING_ANGLE, math.degrees(slings.angle), table, "angle")
         of_length = sling_angle(replace(details, slings=replace(slings, angle=None)))
@@ -429,20 +444,10 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
                 "from the horizontal?"
             )
             yield Finding(table, "angle", False, sentence)
-    if details.hook_block_height is not None:
-        yield from judge_value(HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height")
-    if details.spreader is not None:
-        if details.spreader.height is not None:
-            yield from judge_value(
-                SPREADER_HEIGHT, details.spreader.height, "rigging.spreader", "height"
-            )
-        if details.spreader.limit is not None:
-            yield from judge_value(
-                SPREADER_LIMIT, details.spreader.limit, "rigging.spreader", "limit"
-            )
-    if site.load is not None:
-        half = np.ptp(site.load, axis=0) / 2.0
-        yield from _of_points(details.load, half)
+    count = len(details.load.lifting_points)
+    if count and slings.number not in (None, count) and details.spreader is None:
+        sentence = f"There are {slings.number} legs and {count} lifting points of the load."
+        yield Finding(table, "number", False, sentence)
 
 
 def _of_points(load: LoadDetails, half: np.ndarray) -> Iterator[Finding]:

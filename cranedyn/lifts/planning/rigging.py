@@ -82,12 +82,12 @@ def leg_share(load: LoadDetails, number: int) -> float | None:
     of gravity is outside of the lifting points.
 
     Args:
-        load: Its lifting points and centre of gravity, where they are entered. Without lifting
-            points, or with another number of them than of legs, equal parts count.
+        load: Its lifting points and centre of gravity, where they are entered; without lifting
+            points equal parts count. One leg is counted on to hold a point, however many do.
         number: Number of legs.
     """
     equal = 1.0 / counted_legs(number)
-    if len(load.lifting_points) != number:
+    if not load.lifting_points:
         return equal
     share = largest_share(load.lifting_points, load.centre or (0.0, 0.0, 0.0))
     return None if share is None else max(share, equal)

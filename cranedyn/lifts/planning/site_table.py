@@ -25,6 +25,13 @@ _KEY = re.compile(r"\s*([\w]+)\s*=")
 MAX_COUNT = 2000
 """Largest number of obstacles of a site, and of corners of an outline."""
 
+MAX_POINTS = 24
+"""Largest number of points of a load."""
+
+POINT_RANGE = "-1000000 to 1000000"
+"""Coordinates that a point of a load may have [m], in the words of `cranedyn.checks.number`: wide
+enough for millimetres, which are then asked about."""
+
 FieldLines = Mapping[tuple[str, int], dict[str, int]]
 """Number of the line of each field, by the name of its table and the index among the tables of that
 name, then by the name of the field; "" is the line that begins the table."""
@@ -261,11 +268,13 @@ def _label(name: str, value: Any) -> str:
 
 def _points(name: str, value: Any) -> tuple[tuple[float, float, float], ...]:
     """Return a list of points [m]."""
-    if not isinstance(value, list) or not 1 <= len(value) <= MAX_COUNT:
-        raise OutOfRange(name, quoted(value), "a list of points, each of 3 numbers", "m")
+    if not isinstance(value, list) or not 1 <= len(value) <= MAX_POINTS:
+        raise OutOfRange(
+            name, quoted(value), f"a list of 1 to {MAX_POINTS} points, each of 3 numbers", "m"
+        )
     points = []
     for point in value:
-        x, y, z = _numbers(f"point of {name}", point, 3)
+        x, y, z = _numbers(f"point of {name}", point, 3, POINT_RANGE)
         points.append((x, y, z))
     return tuple(points)
 

@@ -20,7 +20,7 @@ pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 from cranedyn.assumptions import Origin
 from cranedyn.lifts.judging.analysis import LiftAnalysis, Requirements
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
-from cranedyn.lifts.judging.judgement import Judgement
+from cranedyn.lifts.judging.judgement import Judgement, judge
 from cranedyn.lifts.judging.lift_checks import (
     corners_pressed,
     run_checks,
@@ -57,6 +57,7 @@ from cranedyn.lifts.planning.plan_details import (
     Spreader,
     WeightSource,
 )
+from cranedyn.lifts.planning.site_file import read_site
 from tests.lifts.judging.test_judgement import small
 from tests.lifts.planning.sites import certificate, clearance, lift
 
@@ -404,3 +405,13 @@ def test_missing_names_never_change_the_verdict_and_are_lines_to_be_filled_in(
     assert not re.search(r"✔[^<]*<[^>]*blank", without)
     for sentence in not_checked(bare()):
         assert f"<li>{sentence}</li>" in without
+
+
+@pytest.mark.long
+def test_the_example_of_a_lift_plan_is_a_go_and_leaves_only_dates_and_signatures_empty() -> None:
+    judgement = judge(read_site("signed_lift"), requirements=Requirements(lifts=400, gusts=2))
+    assert judgement.go, judgement.reasons
+    page = judgement.html()
+    # Seven people sign, each with a date.
+    assert page.count('class="blank"') == 14
+    assert "Category: routine." in page and "Not checked here" not in page

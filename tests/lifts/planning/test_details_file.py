@@ -181,6 +181,8 @@ def test_an_angle_from_the_horizontal_is_seen_by_the_length_of_the_leg(tmp_path:
     assert read(tmp_path, no_spreader).unusual == ()
     (sentence,) = read(tmp_path, no_spreader.replace("angle = 25.0", "angle = 60.0")).unusual
     assert "from its length and the lifting points it is 28°" in sentence
+    (sentence,) = read(tmp_path, no_spreader.replace("number = 2", "number = 4")).unusual
+    assert "There are 4 legs and 2 lifting points" in sentence
 
 
 def test_a_load_that_stands_hangs_below_the_middle_of_its_box() -> None:
