@@ -272,8 +272,8 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
     swing = math.degrees(analysis.site.swing)
     note = (
         "Of all that hangs; proven between the instants (docs/concepts/planning.md). The plan "
-        f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of {swing:.3g}°."
-        f"{source_note}"
+        f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of "
+        f"{swing:.3g}°.{source_note}"
     )
     return Table("Clearances", columns, rows, note)
 

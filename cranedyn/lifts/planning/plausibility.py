@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Spreader
 from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
@@ -414,13 +414,13 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     """Yield what is unusual of slings, spreader and hook block, and of the points of the load."""
     details = site.details
     slings = details.slings
-    spreader = details.spreader
+    spreader = details.spreader or Spreader()
     for quantity, value, table, field in (
         (SLING_LIMIT, slings.limit, "rigging.slings", "limit"),
         (SLING_LENGTH, slings.length, "rigging.slings", "length"),
         (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
-        (SPREADER_HEIGHT, spreader and spreader.height, "rigging.spreader", "height"),
-        (SPREADER_LIMIT, spreader and spreader.limit, "rigging.spreader", "limit"),
+        (SPREADER_HEIGHT, spreader.height, "rigging.spreader", "height"),
+        (SPREADER_LIMIT, spreader.limit, "rigging.spreader", "limit"),
     ):
         if value is not None:
             yield from judge_value(quantity, value, table, field)
