@@ -132,7 +132,9 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
 
 
 def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
-    """Check that a load moment limiter gives no warning."""
+    """Check that no more of the chart is used than the site allows, or, where it says nothing, that
+    a load moment limiter gives no warning.
+    """
     if analysis.chart is None:
         return Check(
             "Utilisation: no load chart of this crane was entered, and another crane's says "
