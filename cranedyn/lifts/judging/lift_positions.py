@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.dynamics.equations_of_motion import payload_position
-from cranedyn.errors import OutOfRange
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.loads import hanging_mass
 
@@ -36,7 +35,7 @@ class LiftPosition:
         place: The place of the load in the frame of the site [m], shape (3,).
         radius: Radius of the rope's upper end from the slew axis [m]; None for a crane that does
             not slew.
-        rated: Rated load there [kg]; None without a chart that reaches.
+        rated: Rated load there [kg]; None without a chart that reaches all places of the lift.
         gross: Mass of all that hangs [kg].
         wheel: Largest force of a wheel on its rail there [N]; None for a crane without wheels.
     """
@@ -94,7 +93,7 @@ def _position(
         t=float(analysis.loads.t[row]),
         place=load_place(analysis, row),
         radius=radius,
-        rated=_rated(analysis, radius),
+        rated=_rated(analysis, row),
         gross=hanging_mass(analysis.crane),
         wheel=None if wheels is None else float(wheels[row]),
     )
@@ -105,17 +104,15 @@ def load_place(analysis: LiftAnalysis, row: int) -> np.ndarray:
     return analysis.site.to_site(payload_position(analysis.run_crane, analysis.run.q[row]))
 
 
-def _rated(analysis: LiftAnalysis, radius: float | None) -> float | None:
-    """Return the rated load at a radius [kg], None for a crane that does not slew; None if no chart
-    was entered or it does not reach.
+def _rated(analysis: LiftAnalysis, row: int) -> float | None:
+    """Return the rated load that the utilisation of a row was computed with [kg]: the pull over g
+    and over the utilisation. None if that is not known: without a chart, or where it does not
+    reach.
     """
-    if analysis.chart is None:
+    if analysis.utilisation is None:
         return None
-    reeving = analysis.chart.on(analysis.inputs.falls)
-    try:
-        return reeving.constant if radius is None else float(reeving.at(radius))
-    except OutOfRange:
-        return None
+    pull = float(analysis.loads["pull_N"][row])
+    return pull / (analysis.crane.gravity * float(analysis.utilisation[row]))
 
 
 @dataclass(frozen=True)

@@ -264,18 +264,15 @@ def test_pick_up_and_set_down_have_the_rated_load_of_the_chart_at_their_radius()
     assert pick_up.t <= farthest.t <= set_down.t
     assert farthest.radius is not None and set_down.radius is not None
     assert farthest.radius >= set_down.radius
-    unknown = replace(bare(), inputs=replace(bare().inputs, chart=None, falls=None))
+    unknown = replace(bare(), utilisation=None)
     assert [row[3] for row in positions_table(unknown).rows] == [None, None, None]
 
 
 def of_share(share: float, **limits: bool) -> LiftAnalysis:
     """The lift with a chart of which its gross load is a share, and what the site says of it."""
     made = planned(limits=SiteLimits(**limits))
-    assert made.chart is not None
-    reeving = made.chart.on(2)
-    rated = np.full_like(reeving.rated, 1000.0 / share)
-    chart = replace(made.chart, reevings=(replace(reeving, rated=rated),))
-    return replace(made, inputs=replace(made.inputs, chart=chart))
+    rated = 1000.0 / share
+    return replace(made, utilisation=made.loads["pull_N"] / (made.crane.gravity * rated))
 
 
 CLEAR = {"over_people": False, "over_services": False, "blind": False}
@@ -306,7 +303,7 @@ def test_the_category_is_the_highest_that_a_rule_gives(
 
 
 def test_without_a_chart_the_category_is_at_least_what_the_other_rules_give() -> None:
-    made = replace(bare(), inputs=replace(bare().inputs, chart=None, falls=None))
+    made = replace(bare(), utilisation=None)
     assert lift_category(made).text == "not judged"
     blind = replace(
         made, site=replace(made.site, details=PlanDetails(limits=SiteLimits(blind=True)))
