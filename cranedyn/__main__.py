@@ -364,6 +364,42 @@ def _record_template(parser: _Parser) -> None:
     parser.set_defaults(run=run)
 
 
+def _template(parser: _Parser) -> None:
+    """Write a commented file to begin with: a site, a load chart, or the lifts of several cranes.
+
+    Example: cranedyn template site yard.toml
+    """
+    from cranedyn.lifts.planning.file_templates import TEMPLATES
+
+    kinds = "; ".join(f"{name}: {meaning}" for name, meaning in TEMPLATES.items())
+    add = parser.add_argument
+    add("kind", choices=tuple(TEMPLATES), metavar="KIND", help=kinds)
+    text = "where to write; it must not be there yet, by default KIND.toml"
+    add("file", nargs="?", type=Path, metavar="FILE.toml", help=text)
+    parser.set_defaults(run=_run_template)
+
+
+def _run_template(options: argparse.Namespace) -> int:
+    """Write the template, say how to go on, and return the exit code."""
+    from cranedyn.lifts.planning.file_templates import write_file_template
+
+    file = options.file or Path(f"{options.kind}.toml")
+    write_file_template(options.kind, file)
+    print(f"Written to {file}. All values in it are examples: enter yours.")
+    remark = "  # once it is filled in"
+    if options.kind == "site":
+        look = command_line("cranedyn", "drive", "--site", file)
+        judge = command_line("cranedyn", "run", "lift_report", "--site", file)
+        print(next_lines(look, judge + remark))
+    elif options.kind == "chart":
+        judge = command_line("cranedyn", "run", "lift_report", "--chart", file)
+        print(next_lines(judge + remark, "cranedyn template site"))
+    else:
+        plan = command_line("cranedyn", "run", "site", "--site", file)
+        print(next_lines(plan + remark, "cranedyn template chart"))
+    return 0
+
+
 def _export(parser: _Parser) -> None:
     """Write a crane, or a run, for another program.
 
@@ -562,6 +598,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "snapshot": _snapshot,
     "describe": _describe,
     "record-template": _record_template,
+    "template": _template,
     "export": _export,
     "drive": _drive,
     "serve": _serve,

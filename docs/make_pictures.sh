@@ -73,13 +73,13 @@ import re
 import sys
 from pathlib import Path
 
-for page in ("tutorial/first_lift.md", "howto/my_tower_crane.md"):
+for page in ("tutorial/first_lift.md",):
     path = Path("docs", page)
     (table,) = re.findall(r"^```toml\n(.*?)^```", path.read_text(encoding="utf-8"), re.S | re.M)
     Path(sys.argv[1], f"{path.stem}.toml").write_text(table, encoding="utf-8")
 PYTHON
 "$python" -m experiments.lift_report --site "$work/first_lift.toml" --lifts 50 --gusts 1 --out "$work/first_lift" || test $? = 1  # no go
-"$python" -m experiments.lift_report --site "$work/my_tower_crane.toml" --lifts 500 --gusts 2 --out "$work/my_tower_crane"
+"$python" -m experiments.lift_report --site signed_lift --lifts 400 --gusts 2 --out "$work/signed_lift"
 "$python" - "$work" <<'PYTHON'
 import io
 import shutil
@@ -98,7 +98,7 @@ options.binary_location = shutil.which("chromium")
 for flag in ("headless", "no-sandbox", "hide-scrollbars", "window-size=1100,1250"):
     options.add_argument(f"--{flag}")
 driver = webdriver.Chrome(options=options, service=webdriver.ChromeService(shutil.which("chromedriver")))
-driver.get((work / "my_tower_crane" / "lift.html").resolve().as_uri())
+driver.get((work / "signed_lift" / "lift.html").resolve().as_uri())
 report = Image.open(io.BytesIO(driver.get_screenshot_as_png())).convert("RGB")
 driver.quit()
 report.quantize(128, method=Image.Quantize.MAXCOVERAGE).save("docs/pictures/lift_report.png", optimize=True)

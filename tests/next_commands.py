@@ -25,7 +25,7 @@ their arguments are parsed only.
 DELEGATED = ("list", "report", "run", "snapshot")
 """Commands of this package whose arguments are parsed by the module of the command."""
 
-WRITING = ("export", "record-template")
+WRITING = ("export", "record-template", "template")
 """Commands of this package whose file is a new one."""
 
 FILE_ENDINGS = (".csv", ".json", ".mcap", ".parquet", ".rrd", ".urdf")

@@ -13,8 +13,10 @@ from dataclasses import dataclass, replace
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import JudgedInputs, Requirements
 from cranedyn.lifts.judging.chart import Chart, read_chart
-from cranedyn.lifts.planning.perturbed import Spread
+from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT, Spread, drag_area
 from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
+from cranedyn.lifts.planning.plan_details import WEIGHT_TOLERANCES
 from cranedyn.lifts.planning.site import Site
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -146,6 +148,7 @@ def resolve_inputs(
         assumptions.append(assumption)
     spread, spread_assumptions = _spread(site)
     assumptions += spread_assumptions
+    assumptions.append(_wind_on_load(site, crane))
     chart, chart_assumption = _chart(site, crane, chart)
     assumptions.append(chart_assumption)
     if chart is not None:
@@ -165,19 +168,19 @@ def resolve_inputs(
 def _spread(site: Site) -> tuple[Spread, list[Assumption]]:
     """Return how far lifts may differ from the plan, and the origin of each of its numbers."""
     default = Spread()
+    load, load_assumption = _load_tolerance(site)
     largest_delay = site.spread.get("late", max(default.late))
     delays = tuple(largest_delay * share for share in (0.0, 0.25, 0.5, 1.0))
     spread = replace(
         default,
-        load=site.spread.get("load", default.load),
+        load=load,
         cable=site.spread.get("cable", default.cable),
         wind=site.spread.get("wind", default.wind),
         gust=site.spread.get("gust", default.gust),
         late=delays,
     )
-    assumptions = []
+    assumptions = [load_assumption]
     for key, name, value, field in (
-        ("load", "tolerance of the load's mass", f"±{100.0 * spread.load:.3g} %", "mass"),
         ("cable", "error of the measured cable length", f"±{spread.cable:g} m", "cable"),
         ("wind", "steady wind during the lift, up to", f"{spread.wind:g} m/s", "wind"),
         ("gust", "gust above it, up to", f"{spread.gust:g} m/s", "gust"),
@@ -186,6 +189,50 @@ def _spread(site: Site) -> tuple[Spread, list[Assumption]]:
         origin = Origin.ENTERED if key in site.spread else Origin.DEFAULT
         assumptions.append(Assumption(name, value, origin, f"[uncertainty] {field}"))
     return spread, assumptions
+
+
+def _load_tolerance(site: Site) -> tuple[float, Assumption]:
+    """Return by which share of its mass the load may be heavier or lighter, with its origin: as
+    entered, or as it follows from how the mass is known. A load of which nobody says either is
+    computed as an estimated one, which is a default.
+    """
+    source = site.details.load.source
+    field = "[uncertainty] mass"
+    if "load" in site.spread:
+        tolerance = site.spread["load"]
+        origin = Origin.ENTERED
+    elif source is not None:
+        tolerance = WEIGHT_TOLERANCES[source]
+        origin = Origin.COMPUTED
+        field = "[load] source"
+    else:
+        tolerance = WEIGHT_TOLERANCES["estimated"]
+        origin = Origin.DEFAULT
+        field = "[load] source or [uncertainty] mass"
+    known = "" if source is None else f", {source}"
+    value = f"±{100.0 * tolerance:.3g} %{known}"
+    return tolerance, Assumption("tolerance of the load's mass", value, origin, field)
+
+
+def _wind_on_load(site: Site, crane: Crane) -> Assumption:
+    """Return the area that the wind acts on, as far as somebody entered it."""
+    load = site.details.load
+    area = drag_area(clearance_of(crane, site))
+    entered = load.area is not None and load.drag is not None
+    parts = "as entered" if entered else _drag_parts(load.area, load.drag)
+    return Assumption(
+        "area of the load to the wind, times its drag coefficient",
+        f"{area:.3g} m², {parts}",
+        Origin.ENTERED if entered else Origin.COMPUTED,
+        "[load] area, drag",
+    )
+
+
+def _drag_parts(area: float | None, drag: float | None) -> str:
+    """Return what an area times drag coefficient is made of, where not both were entered."""
+    of_area = "the largest section of its box" if area is None else f"the area entered, {area:g} m²"
+    of_drag = f"a coefficient of {DRAG_COEFFICIENT:g}" if drag is None else f"{drag:g} as entered"
+    return f"{of_area} times {of_drag}"
 
 
 def _chart(site: Site, crane: Crane, given: Chart | None) -> tuple[Chart | None, Assumption]:

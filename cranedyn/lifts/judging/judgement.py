@@ -28,7 +28,7 @@ from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
 from cranedyn.lifts.judging.lift_figures import LiftFigure, figures
-from cranedyn.lifts.judging.lift_tables import Table, tables
+from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads
 from cranedyn.lifts.judging.plan_record import (
@@ -38,6 +38,7 @@ from cranedyn.lifts.judging.plan_record import (
     recorded_table,
 )
 from cranedyn.lifts.judging.plausible_chart import chart_findings
+from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.judging.wind_limit import wind_limit
 from cranedyn.lifts.planning.certificate import Certificate, certify
 from cranedyn.lifts.planning.clearance_of import clearance_of

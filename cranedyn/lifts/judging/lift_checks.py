@@ -11,10 +11,15 @@ from cranedyn.assumptions import check_entered
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.plan_checks import corner_range, plan_checks, wind_text
 from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
-from cranedyn.lifts.planning.plan_assumptions import EARTH_GRAVITY, rates_text
+from cranedyn.lifts.planning.plan_assumptions import (
+    EARTH_GRAVITY,
+    described_as_tower,
+    rates_text,
+)
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
 
@@ -31,7 +36,8 @@ def run_checks(
     analysis: LiftAnalysis, functions: Sequence[CheckFunction] | None = None
 ) -> list[Check]:
     """Return the checks of the certificate, of lift-off and set-down, then those of functions, by
-    default `CHECKS`. Where some of `CHECKS` are not among them, that is not judged.
+    default `CHECKS`, and at last those of what the site enters for its lift plan. Where some of
+    `CHECKS` are not among the functions, that is not judged.
     """
     functions = CHECKS if functions is None else functions
     checks = [*analysis.certificate.checks, *_ground_checks(analysis)]
@@ -39,7 +45,8 @@ def run_checks(
     if left_out:
         names = ", ".join(name.replace("_", " ") for name in left_out)
         checks.append(Check(f"Checks were left out: {names}.", None))
-    return checks + [_named_check(function, analysis) for function in functions]
+    checks += [_named_check(function, analysis) for function in functions]
+    return checks + plan_checks(analysis)
 
 
 def _named_check(function: CheckFunction, analysis: LiftAnalysis) -> Check:
@@ -99,7 +106,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     compared as its description draws it.
     """
     clearance = analysis.certificate.lift.clearance
-    if not isinstance(clearance, TowerClearance) or not _is_entered_as_tower(analysis):
+    if not isinstance(clearance, TowerClearance) or not described_as_tower(analysis.site):
         return Check(
             "Every part of the crane that moves is compared as its description draws it: "
             f"{', '.join(clearance.parts.moving)}.",
@@ -130,16 +137,10 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     )
 
 
-def _is_entered_as_tower(analysis: LiftAnalysis) -> bool:
-    """Return whether the site enters jib and counter-jib: those of the tower crane of this project,
-    where `[crane]` names no other one. Another description has them.
-    """
-    described = analysis.site.description
-    return described is None or described.is_tower
-
-
 def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
-    """Check that a load moment limiter gives no warning."""
+    """Check that no more of the chart is used than the site allows, or, where it says nothing, that
+    a load moment limiter gives no warning.
+    """
     if analysis.chart is None:
         return Check(
             "Utilisation: no load chart of this crane was entered, and another crane's says "
@@ -151,13 +152,23 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
     if analysis.utilisation is None:
         return Check(f"The chart does not reach: {analysis.chart_error}", False)
     highest = float(analysis.utilisation.max())
+    of_site = analysis.site.details.limits.chart_share
+    limit = "" if of_site is None else f"{100.0 * of_site:g} % allowed on this site; "
     t = float(analysis.loads.t[int(analysis.utilisation.argmax())])
     return Check(
-        f"Utilisation is {100.0 * highest:.1f} % of the chart at most, at t = {t:.1f} s; a limiter "
-        f"warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: "
+        f"Utilisation is {100.0 * highest:.1f} % of the chart at most, at t = {t:.1f} s; {limit}a "
+        f"limiter warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: "
         f"{_first_act(analysis)}.",
-        highest < WARNING,
+        highest < chart_share(analysis),
     )
+
+
+def chart_share(analysis: LiftAnalysis) -> float:
+    """Return the share of the rated load that may be used: that of the site, or else the one at
+    which a load moment limiter warns.
+    """
+    of_site = analysis.site.details.limits.chart_share
+    return WARNING if of_site is None else of_site
 
 
 def _first_act(analysis: LiftAnalysis) -> str:
@@ -212,7 +223,7 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     if site.base is None:
         missing.append("[base]")
     # The description of another crane has the masses of its boom and counterweight.
-    is_tower = _is_entered_as_tower(analysis)
+    is_tower = described_as_tower(analysis.site)
     if is_tower and not any(arm.centre >= 0.0 for arm in site.arms):
         missing.append("[jib]")
     if is_tower and not any(arm.centre <= 0.0 for arm in site.arms):
@@ -222,18 +233,16 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
             f"{', '.join(missing)} of the site missing: corner forces of the base are not known.",
             None,
         )
-    forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
     permitted = site.base.permitted
-    # A load heavier by its tolerance presses by that share of its own part in a corner, which is
-    # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
-    added = analysis.inputs.spread.load * analysis.loads["pull_N"]
-    tilting = analysis.loads["radius_m"] / (math.sqrt(2.0) * site.base.spacing)
-    smallest = float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min())
-    largest = float((forces.max(axis=0) + added * (0.25 + tilting)).max())
+    corners = corner_range(analysis)
+    assert corners is not None  # the base is known, and a crane that slews has a radius
+    smallest, largest = corners
     presses = (
         f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
         f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
     )
+    if permitted is None and site.details.ground.permitted_pressure is not None:
+        return Check(f"{presses}; what the ground bears is judged by its pressure.", smallest > 0.0)
     if permitted is None:
         # Pressing is not enough: whether the ground bears it is not known.
         unknown = "; [base] permitted is missing, what the ground may bear"
@@ -286,11 +295,14 @@ def wind_borne(analysis: LiftAnalysis) -> Check:
     beyond = f"not {broken:g} m/s" if broken < math.inf else "none stronger was tried"
     first = analysis.wind.binding
     first_limit = "No limit is exceeded" if first is None else f"The first limit is {first}"
+    nearest = analysis.wind.nearest
+    if first == "clearance" and nearest is not None:
+        first_limit += f", between {nearest.body} and {nearest.obstacle}"
     holds: bool | None = limit >= required.wind
     if not holds and broken == math.inf:
         holds = None  # the strongest gust that was tried is weaker than the one required
     return Check(
-        f"The lift bears gusts up to {limit:g} m/s, {beyond}; {required.wind:g} m/s required. "
+        f"The lift bears gusts up to {wind_text(limit)}, {beyond}; {required.wind:g} m/s required. "
         f"{first_limit}.",
         holds,
     )

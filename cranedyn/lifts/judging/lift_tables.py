@@ -3,23 +3,27 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import BOOM_TOLERANCE, CUT_OUT, WARNING
+from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.plan_checks import KMH, in_words, wind_text
+from cranedyn.lifts.judging.plan_tables import (
+    positions_table,
+    sequence_table,
+    wind_bounds_table,
+)
+from cranedyn.lifts.judging.table import Row, Table
 from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
 from cranedyn.lifts.planning.plan_assumptions import winch_of
-
-Row = list[float | str | None]
 
 CREEP_SHARE = 0.1
 """Creep speed of a hoist over its largest speed. No standard names it; this is an assumption."""
@@ -30,43 +34,24 @@ _SECOND_HAND = "second hand"
 _NOT_JUDGED = "not judged"
 """What stands in place of a number that was not computed."""
 
+SUMMARY_TITLE = "In numbers"
+"""Title of the table of the numbers that decide."""
+
 _LOADS_PAGE = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
-
-
-class Table(NamedTuple):
-    """A table of the report.
-
-    Attributes:
-        title: Title.
-        columns: Header and format of each column; an empty format is for text.
-        rows: Values; None is shown as a dash.
-        note: What to know about it.
-    """
-
-    title: str
-    columns: Sequence[tuple[str, str]]
-    rows: Sequence[Row]
-    note: str = ""
-
-    def cells(self) -> list[list[str]]:
-        """Return the rows as text."""
-        formats = [form for _, form in self.columns]
-        cells = []
-        for row in self.rows:
-            pairs = zip(row, formats, strict=True)
-            cells.append(["-" if value is None else format(value, form) for value, form in pairs])
-        return cells
 
 
 def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
     """Return all tables of a lift, whose notes name the command that makes them again."""
     source_note = f" Again: {command}." if command else ""
-    result = [_summary(analysis), _lift(analysis), _assumptions(analysis)]
-    result.append(_loads(analysis, source_note))
-    result += [_clearances(analysis, source_note), _factors(analysis)]
+    result = [_summary(analysis), _lift(analysis)]
+    result += [positions_table(analysis), wind_bounds_table(analysis), sequence_table(analysis)]
+    result += [_loads(analysis, source_note), _clearances(analysis, source_note)]
+    result += [_assumptions(analysis), _factors(analysis)]
     if analysis.wind is not None:
-        result += [_wind(analysis.wind, source_note), _limits(analysis.wind)]
+        slews = "radius_m" in analysis.loads.values
+        result.append(_wind(analysis.wind, source_note))
+        result.append(_limits_in_use(analysis.wind, slews=slews))
     if analysis.perturbed is not None:
         result.append(_robustness(analysis, analysis.perturbed, source_note))
     return result
@@ -81,20 +66,41 @@ def _summary(analysis: LiftAnalysis) -> Table:
         utilisation = f"{100.0 * float(analysis.utilisation.max()):.1f} %"
     gust = _NOT_JUDGED
     if analysis.wind is not None:
-        gust = f"{analysis.wind.limit():g} m/s"
+        gust = wind_text(analysis.wind.limit())
     probability = _NOT_JUDGED
     if analysis.perturbed is not None:
         probability = f"at most {100.0 * analysis.perturbed.interval()[1]:.2f} %"
     rows: list[Row] = [
         *_radius_rows(analysis),
-        ["utilisation of the chart", utilisation, f"{100.0 * WARNING:g} %"],
-        ["gust that the lift bears", gust, _or_dash(required.wind, 1.0, "m/s")],
+        ["utilisation of the chart", utilisation, f"{100.0 * chart_share(analysis):g} %"],
+        [
+            "gust that the lift bears",
+            gust,
+            "-" if required.wind is None else wind_text(required.wind),
+        ],
         ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
         ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
+        ["their least distance", perturbed_distance(analysis), f"{analysis.site.distance:g} m"],
         ["time of the lift", f"{analysis.duration:.0f} s", "-"],
     ]
     note = "Where each of these is from stands in the tables below."
-    return Table("In numbers", [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def perturbed_distance(analysis: LiftAnalysis) -> str:
+    """Return the least distance of the perturbed lifts to read, of those that did not break off.
+
+    Where it is no less than required it is a lower bound: a distance that suffices is not measured
+    further.
+    """
+    perturbed = analysis.perturbed
+    if perturbed is None:
+        return _NOT_JUDGED
+    distances = perturbed.least[np.isfinite(perturbed.least)]
+    if not len(distances):
+        return "-"
+    least = float(distances.min())
+    return f"{least:.2f} m" + (" or more" if least >= perturbed.required else "")
 
 
 def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
@@ -207,7 +213,7 @@ def _gross(analysis: LiftAnalysis) -> str:
     """Return the mass that hangs as the sum that it is."""
     gross = hanging_mass(analysis.crane) / 1e3
     rigging = analysis.site.rigging
-    if not {"hook", "slings"} & rigging.keys():
+    if not rigging:
         return f"{gross:.2f} t; no hook block and no slings were entered"
     if not any(rigging.values()):
         return f"{gross:.2f} t with hook block and slings"
@@ -282,8 +288,13 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
+    clearance = certificate.lift.clearance
+    envelope = clearance.envelope(float(np.max(clearance.cable(certificate.run.q))))
+    swing = math.degrees(analysis.site.swing)
     note = (
-        f"Of all that hangs; proven between the instants (docs/concepts/planning.md).{source_note}"
+        "Of all that hangs; proven between the instants (docs/concepts/planning.md). The plan "
+        f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of "
+        f"{swing:.3g}°.{source_note}"
     )
     return Table("Clearances", columns, rows, note)
 
@@ -316,11 +327,14 @@ def _factors(analysis: LiftAnalysis) -> Table:
     ]
     drives = crane.layout.drives.tolist()
     joints = LoadJoints.of(crane)
+    named = []
     if joints.trolley in drives:
+        named.append("trolley")
         acceleration = limits.accelerations[drives.index(joints.trolley)]
         needed = outward / (mass * acceleration)
         rows.append(["ψ_h of the trolley", psi, needed, "FEM 1.001, A.2.2.3"])
     if joints.slew in drives:
+        named.append("slew")
         radius = float(loads["radius_m"].max())
         acceleration = limits.accelerations[drives.index(joints.slew)]
         needed = sideways / (mass * acceleration * radius)
@@ -332,10 +346,15 @@ def _factors(analysis: LiftAnalysis) -> Table:
         picked_up = "Picking up is not in it: lift-off was not simulated."
     else:
         picked_up = "Picking up is in it."
+    sideways_note = ""
+    if named:
+        sideways_note = (
+            "; its horizontal pull over mass times the limit of acceleration of the "
+            f"{in_words(named)}"
+        )
     note = (
-        f"Clauses were read {_SECOND_HAND}. Needed: largest pull of the rope over the weight, "
-        "along and across the jib over mass times the limits of acceleration of trolley and slew. "
-        f"{picked_up} Again: cranedyn run factors."
+        f"Clauses were read {_SECOND_HAND}. Needed: largest pull of the rope over the weight"
+        f"{sideways_note}. {picked_up} Again: cranedyn run factors."
     )
     return Table("Dynamic factors", columns, rows, note)
 
@@ -354,9 +373,11 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
         beyond = "fails" if failed else ", ".join(broken) or "none"
         numbers: Row = [None, None, None] if failed else values
-        rows.append([speed, wind_standards.wind_pressure(speed), *numbers, beyond])
+        pressure = wind_standards.wind_pressure(speed)
+        rows.append([speed, KMH * speed, pressure, *numbers, beyond])
     columns = [
         ("gust [m/s]", ".1f"),
+        ("[km/h]", ".0f"),
         ("pressure [Pa]", ".0f"),
         ("utilisation %", ".1f"),
         ("rope from plumb [°]", ".1f"),
@@ -371,24 +392,26 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     return Table("Wind", columns, rows, note)
 
 
-def _limits(limit: WindLimit) -> Table:
-    """Tabulate the wind limits of this lift beside those that standards have in general."""
-    rows: list[Row] = [
-        [f"{name} of this lift", limit.limit(name), "this page"] for name in limit.allowed
-    ]
-    rows += [
-        [f"in use: {name}", speed, _SECOND_HAND] for name, speed in wind_standards.OPERATING.items()
-    ]
-    rows += [
-        [f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"]
-        for name, speed in wind_standards.IN_SERVICE.items()
-    ]
-    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("from", "")]
-    note = (
-        "The least that applies counts. The wind at which the crane itself must stop is its "
-        "maker's to say."
-    )
-    return Table("Wind limits", columns, rows, note)
+def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:
+    """Tabulate the gust of each limit of this lift beside those that standards have in general.
+
+    Args:
+        limit: The limits of this lift.
+        slews: Whether the crane slews.
+    """
+    named: list[tuple[str, float, str]] = []
+    for name in limit.allowed:
+        named.append((f"{name} of this lift", limit.limit(name), "this page"))
+    # These are in use for tower and mobile cranes; a bridge may be in a hall.
+    operating = wind_standards.OPERATING if slews else {}
+    for name, speed in operating.items():
+        named.append((f"in use: {name}", speed, _SECOND_HAND))
+    for name, speed in wind_standards.IN_SERVICE.items():
+        named.append((f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"))
+    rows: list[Row] = [[name, speed, KMH * speed, source] for name, speed, source in named]
+    columns = [("limit", ""), ("gust up to [m/s]", ".1f"), ("[km/h]", ".0f"), ("from", "")]
+    note = "For comparison: what counts for this lift is the table of its wind limits."
+    return Table("Wind limits in comparison", columns, rows, note)
 
 
 def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:

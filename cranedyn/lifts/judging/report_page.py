@@ -24,11 +24,26 @@ from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_figures import LiftFigure
-from cranedyn.lifts.judging.lift_tables import Table
+from cranedyn.lifts.judging.lift_positions import lift_category
+from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
 from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.plan_checks import not_checked, sling_force
+from cranedyn.lifts.judging.plan_fields import (
+    counting_assumptions,
+    field_groups,
+    identification,
+    signatures,
+)
 from cranedyn.lifts.judging.plan_record import PlanMark
+from cranedyn.lifts.judging.plan_tables import (
+    PLACES_TITLE,
+    POSITIONS_TITLE,
+    SEQUENCE_TITLE,
+    WIND_TITLE,
+)
+from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.planning.ground_lift import stands_at
-from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT
+from cranedyn.lifts.planning.perturbed import drag_area
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
 from cranedyn.verdict import Check, Verdict, overall
@@ -75,28 +90,41 @@ def lift_html(
     command: str = "",
     plan: PlanMark | None = None,
 ) -> str:
-    """Return the report of a lift; its first table is on the first screen.
+    """Return the report of a lift: a page to decide by and to sign, then every number.
 
     Args:
         analysis: The lift.
         checks: Its checks, whose verdict together is that of the report.
-        tables: Its tables.
+        tables: Its tables, see `cranedyn.lifts.judging.lift_tables.tables`.
         figures: Its figures.
         command: The command that makes its numbers again; empty if there is none.
         plan: What the page says of the record that lies beside it; None if there is none.
     """
     verdict = overall(checks)
+    named = {table.title: shown for table, shown in zip(tables, page_tables(tables), strict=True)}
+    places = POSITIONS_TITLE if POSITIONS_TITLE in named else PLACES_TITLE
     return render(
         _TEMPLATE,
         title=f"Lift: {analysis.site.name}",
         verdict=verdict,
         word=WORDS[verdict],
         reason=_reason(checks),
+        category=lift_category(analysis),
         picture=_picture(analysis),
+        identification=identification(analysis),
+        against=[check for check in worst_first(checks) if check.verdict is not Verdict.HOLDS],
+        numbers=named.pop(SUMMARY_TITLE),
+        wind=named.pop(WIND_TITLE),
+        positions=named.pop(places),
+        counting=counting_assumptions(analysis),
+        signatures=signatures(analysis),
         checks=worst_first(checks),
+        not_checked=not_checked(analysis),
         unusual=analysis.unusual,
         statement=STATEMENT,
-        tables=page_tables(tables),
+        sequence=named.pop(SEQUENCE_TITLE),
+        groups=field_groups(analysis),
+        tables=list(named.values()),
         figures=page_figures(figures),
         limits=limits_of(analysis),
         command=command,
@@ -149,6 +177,7 @@ def _picture(analysis: LiftAnalysis) -> PageFigure:
 def limits_of(analysis: LiftAnalysis) -> list[str]:
     """Return what the numbers of a lift do not say, in sentences."""
     sentences = []
+    lift = analysis.certificate.lift
     if analysis.grounded is None:
         sentences.append(
             "The model's rope has no mass and does not stretch, and the crane has no play."
@@ -160,7 +189,10 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
             f"The model's rope has no mass; it stretches by its stiffness EA of "
             f"{float(rope.stiffness):.3g} N. The crane has no play."
         )
-    sentences.append("Structure, ropes, slings and lifting points are not checked for strength.")
+    unchecked = "Structure, ropes and lifting points are not checked for strength"
+    if sling_force(analysis) is None:
+        unchecked += ", and neither are the slings"
+    sentences.append(f"{unchecked}.")
     hanging = []
     not_simulated = []
     for end, phase in (
@@ -181,9 +213,9 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
         )
     if analysis.perturbed is not None or analysis.wind is not None:
         sentences.append(
-            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, as "
-            f"a box of drag coefficient {DRAG_COEFFICIENT:g}; what it does to the crane's "
-            "structure is not in it."
+            "Perturbed lifts and gusts are of the load that hangs. Wind acts on the load alone, "
+            f"whose area times drag coefficient is {drag_area(lift.clearance):.3g} m²; what it "
+            "does to the crane's structure is not in it."
         )
     else:
         sentences.append("Nothing was computed in wind.")

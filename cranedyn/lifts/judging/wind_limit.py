@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from cranedyn.checks import whole, within
 from cranedyn.lifts.judging.chart import CUT_OUT, Chart
 from cranedyn.lifts.judging.loads import loads_of_rows
 from cranedyn.lifts.planning.certificate import Certificate
+from cranedyn.lifts.planning.clearance import Nearest
 from cranedyn.lifts.planning.perturbed import PerturbedBatch, simulate_perturbed
 
 GUST_FACTOR = 1.5
@@ -71,12 +72,15 @@ class WindLimit:
             million, or as minus a million for clearance.
         allowed: Limit of each, by name.
         lifts: Number of simulated lifts.
+        nearest: What comes nearest to what in the worst gust of the weakest speed in which the
+            clearance is exceeded; None if it is kept in all, or such a lift broke off.
     """
 
     speeds: np.ndarray
     worst: Mapping[str, np.ndarray]
     allowed: Mapping[str, float]
     lifts: int
+    nearest: Nearest | None = None
 
     def limit(self, name: str | None = None) -> float:
         """Return the strongest gust up to which a limit is kept by all lifts, by default all
@@ -184,7 +188,12 @@ def wind_limit(
             speeds = _speeds_about(limits.limit(name))
             added.append(trial.simulate(speeds, np.vstack([worst, gusts])))
         rows = np.vstack([rows, *added])
-    return _limits(rows, allowed)
+    limits = _limits(rows, allowed)
+    if limits.kept("clearance").all():
+        return limits
+    speed = float(limits.speeds[~limits.kept("clearance")][0])
+    worst_gust = _worst_gusts(rows, limits, "clearance")[0]
+    return replace(limits, nearest=trial.nearest(speed, worst_gust))
 
 
 @dataclass(frozen=True, eq=False)
@@ -216,18 +225,7 @@ class _Trial:
             Rows of speed, gust and the value of each limit, shape (k j, 4 + limits).
         """
         rows = np.column_stack([np.repeat(speeds, len(gusts)), np.tile(gusts, (len(speeds), 1))])
-        speed = rows[:, 0]
-        # The load as entered, and a gust whose peak is its speed.
-        drawn = {
-            "load": np.ones(len(rows)),
-            "cable_m": np.zeros(len(rows)),
-            "wind_m_s": speed / GUST_FACTOR,
-            "gust_m_s": speed - speed / GUST_FACTOR,
-            "gust_at_s": rows[:, 1],
-            "gust_lasts_s": rows[:, 2],
-            "direction_rad": rows[:, 3],
-            "late_s": np.zeros(len(rows)),
-        }
+        drawn = _perturbations(rows)
         # What no lift overwrites counts as failed.
         values = {}
         for name in self.allowed:
@@ -236,6 +234,41 @@ class _Trial:
         for batch in simulate_perturbed(self.certificate, drawn, dt=self.dt):
             _enter_values(values, batch, self.chart, self.falls)
         return np.column_stack([rows, *values.values()])
+
+    def nearest(self, speed: float, gust: np.ndarray) -> Nearest | None:
+        """Return what comes nearest to what in a gust; None if the lift breaks off in it.
+
+        Args:
+            speed: Speed of the gust [m/s].
+            gust: Its start [s], duration [s] and direction [rad], shape (3,).
+        """
+        drawn = _perturbations(np.array([[speed, *gust]]))
+        clearance = self.certificate.lift.clearance
+        for perturbed in simulate_perturbed(self.certificate, drawn, dt=self.dt):
+            q = perturbed.batch.q[0]
+            if np.isfinite(q).all():
+                return clearance.nearest(q[clearance.nearest_row(q)])
+        return None
+
+
+def _perturbations(rows: np.ndarray) -> dict[str, np.ndarray]:
+    """Return the perturbations of lifts in gusts, by the names of `Perturbed.drawn`: the load as
+    entered, and a gust whose peak is its speed.
+
+    Args:
+        rows: Speed [m/s], start [s], duration [s] and direction [rad] of each gust, shape (n, 4).
+    """
+    speed = rows[:, 0]
+    return {
+        "load": np.ones(len(rows)),
+        "cable_m": np.zeros(len(rows)),
+        "wind_m_s": speed / GUST_FACTOR,
+        "gust_m_s": speed - speed / GUST_FACTOR,
+        "gust_at_s": rows[:, 1],
+        "gust_lasts_s": rows[:, 2],
+        "direction_rad": rows[:, 3],
+        "late_s": np.zeros(len(rows)),
+    }
 
 
 def _worst_gusts(rows: np.ndarray, limits: WindLimit, name: str) -> np.ndarray:

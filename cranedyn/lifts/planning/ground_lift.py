@@ -65,6 +65,10 @@ so that a slow hoist accelerates less.
 BOX_SHARE = 0.99
 """Volume of a load over that of the box around it from which on it is a box."""
 
+MAX_OFFSET_SHARE = 0.01
+"""Distance in plan of the centre of gravity of a box from its middle, over its shorter side, up to
+which it counts as in the middle: what the share `BOX_SHARE` of its volume may hide."""
+
 ROPE_DAMPING = 2e4
 """Damping of the bounce of the rope, all falls together [N s/m]: for a tonne on two falls of 27 m a
 quarter of the critical one. No site enters it, and it decides the largest pull at lift-off and its
@@ -352,16 +356,24 @@ def _set_down(
 
 
 def _refuse_unless_a_box(load: np.ndarray) -> None:
-    """Refuse a load that is no upright box: it stands on the corners of one in the simulation.
+    """Refuse a load that is no upright box with its centre of gravity above or below its middle:
+    it stands on the corners of such a box in the simulation, and is lifted by a lug above that.
 
     Raises:
-        NoWay: With the share of its box that it fills.
+        NoWay: With the share of its box that it fills, or the distance of its centre of gravity.
     """
     share = float(ConvexHull(load).volume / np.ptp(load, axis=0).prod())
     if not share >= BOX_SHARE:
         raise NoWay(
             f"A load that stands must be an upright box; this one fills {100.0 * share:.0f} % of "
             "its box. Enter its size, or let it hang at both ends."
+        )
+    middle = (load.min(axis=0) + load.max(axis=0))[:2] / 2.0
+    aside = float(np.linalg.norm(middle))
+    if aside > MAX_OFFSET_SHARE * float(np.ptp(load, axis=0)[:2].min()):
+        raise NoWay(
+            "A load that stands must hang below the middle of its box; the centre of gravity of "
+            f"this one is {aside:.2f} m beside it in plan. Let it hang at both ends."
         )
 
 

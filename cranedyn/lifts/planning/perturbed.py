@@ -41,7 +41,7 @@ _ROUNDING = 1e-6
 is that number."""
 
 DRAG_COEFFICIENT = 1.2
-"""Drag coefficient of the box around a load."""
+"""Drag coefficient of the box around a load, for which a site may enter another."""
 
 _LOAD_LEVELS = 13
 """Number of different masses of the load. Lifts of the same mass are simulated at once."""
@@ -415,11 +415,20 @@ def _wind_forces(lift: Lift, drawn: dict[str, np.ndarray]) -> np.ndarray:
     speed = (steady + rise * gust_shape(times, begin, duration))[..., None]
     unit_vector = np.stack([np.cos(direction), np.sin(direction)], axis=-1)
 
-    area = DRAG_COEFFICIENT * _largest_silhouette(lift.clearance.bodies.load)
+    area = drag_area(lift.clearance)
     # Of the points of a crane the payload is the first.
     force = np.zeros((len(drawn["load"]), len(times), 3 * len(lift.crane.points)))
     force[..., :2] = drag_force(area, speed * unit_vector - load_velocity[:, :2])
     return force
+
+
+def drag_area(clearance: Clearance) -> float:
+    """Return the area that the load of a site turns to the wind, times its drag coefficient [m²]:
+    each as entered, or else the largest section of the box around it and `DRAG_COEFFICIENT`.
+    """
+    load = clearance.site.details.load
+    area = _largest_silhouette(clearance.bodies.load) if load.area is None else load.area
+    return area * (DRAG_COEFFICIENT if load.drag is None else load.drag)
 
 
 def _largest_silhouette(corners: np.ndarray) -> float:

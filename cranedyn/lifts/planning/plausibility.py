@@ -19,11 +19,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cranedyn.errors import DataError
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Spreader
+from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
 Conversions = Mapping[str, float]
@@ -150,7 +152,68 @@ WIND = Quantity(
     (2.0, 20.0),
     {"kilometres per hour": 1.0 / 3.6, "miles per hour": 0.447},
 )
+WIND_LIMIT = Quantity(
+    "The wind limit",
+    "m/s",
+    (0.1, 100.0),
+    (3.0, 25.0),
+    {"kilometres per hour": 1.0 / 3.6, "miles per hour": 0.447},
+)
 RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
+
+# What a lift plan says beside the motion. Slings are 0.5 to 20 m long, chains lift 1 to 30 t a leg
+# and the largest round slings some hundred; guides end at 60° from the vertical.
+SLING_LIMIT = Quantity("The working load limit of a leg", "kg", (0.1, 1e7), (50.0, 5e5), TONNES)
+SPREADER_LIMIT = Quantity(
+    "The working load limit of the spreader", "kg", (0.1, 1e8), (50.0, 5e6), TONNES
+)
+SLING_LENGTH = Quantity("The length of a leg", "m", (1e-3, 500.0), (0.1, 50.0), MILLIMETRES)
+SLING_ANGLE = Quantity("The angle of a leg", "degrees", (0.0, 85.0), (3.0, 60.0), RADIANS)
+HOOK_HEIGHT = Quantity("The height of the hook block", "m", (1e-3, 50.0), (0.1, 8.0), MILLIMETRES)
+SPREADER_HEIGHT = Quantity("The height of the spreader", "m", (0.0, 50.0), (0.0, 10.0), MILLIMETRES)
+JIB_LENGTH = Quantity("The length of the jib", "m", (0.01, 500.0), (0.2, 150.0), MILLIMETRES)
+COUNTER_BALLAST = Quantity("The counter-ballast", "kg", (0.0, 1e8), (100.0, 5e6), TONNES)
+HEIGHT_UNDER_HOOK = Quantity(
+    "The height under hook", "m", (0.01, 1500.0), (0.2, 300.0), MILLIMETRES
+)
+PRESSURE = Quantity(
+    "The permitted bearing pressure",
+    "kPa",
+    (1.0, 1e5),
+    (30.0, 5e3),
+    {"pascals": 1e-3, "tonnes per square metre": 9.81, "newtons per square millimetre": 1e3},
+)
+MAT_SIDE = Quantity("A side of the mat", "m", (0.01, 50.0), (0.2, 10.0), MILLIMETRES)
+CHART_SHARE = Quantity(
+    "The share of the chart that may be used", "%", (1.0, 100.0), (50.0, 100.0), {"parts of 1": 100}
+)
+AREA = Quantity(
+    "The area of the load",
+    "m²",
+    (1e-6, 1e5),
+    (1e-3, 1e3),
+    {"square millimetres": 1e-6, "square centimetres": 1e-4},
+)
+DRAG = Quantity("The drag coefficient of the load", "", (0.05, 5.0), (0.4, 2.5), {})
+
+SMALLEST_AREA_SHARE = 0.2
+"""Area of the load over the largest section of its box below which the area is unusual, even for a
+frame of few bars."""
+
+LARGEST_AREA_SHARE = 1.05
+"""Area of the load over the largest section of its box above which it is larger than its box: the
+rest is rounding."""
+
+FARTHEST_LIFTING_POINT = 1.5
+"""Coordinate of a lifting point over half of the side of the box around the load, beyond which it
+is unusual: lugs stand out a little."""
+
+FARTHEST_POINT_OF_LOAD = 20.0
+"""The same, beyond which it cannot be meant."""
+
+ANGLE_TOLERANCE = math.radians(5.0)
+"""Difference of the entered angle of a sling and that of its length, above which one of them is
+wrong [rad]."""
 
 # The density of a box around a load: air has 1.2 kg/m³ and the densest metal 22,600. Foam has 10 to
 # 30, an empty container 60, solid steel 7,850.
@@ -222,6 +285,8 @@ def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Findi
         *_of_load(site),
         *_of_drives(site, reach),
         *_of_structure(site),
+        *_of_rigging(site),
+        *_of_plan(site),
         *_of_places(site, reach),
     ]
 
@@ -343,6 +408,112 @@ def _of_structure(site: Site) -> Iterator[Finding]:
     if length:
         name = "The length of the counter-jib"
         yield from judge_value(ARM_LENGTH, float(length), "counter_jib", "length", name)
+
+
+def _of_rigging(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of slings, spreader and hook block, and of the points of the load."""
+    details = site.details
+    slings = details.slings
+    spreader = details.spreader or Spreader()
+    for quantity, value, table, field in (
+        (SLING_LIMIT, slings.limit, "rigging.slings", "limit"),
+        (SLING_LENGTH, slings.length, "rigging.slings", "length"),
+        (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
+        (SPREADER_HEIGHT, spreader.height, "rigging.spreader", "height"),
+        (SPREADER_LIMIT, spreader.limit, "rigging.spreader", "limit"),
+    ):
+        if value is not None:
+            yield from judge_value(quantity, value, table, field)
+    yield from _of_legs(details)
+    if site.load is not None:
+        half = np.ptp(site.load, axis=0) / 2.0
+        yield from _of_points(details.load, half)
+
+
+def _of_legs(details: PlanDetails) -> Iterator[Finding]:
+    """Yield what is unusual of angle and number of the legs of the slings."""
+    slings = details.slings
+    table = "rigging.slings"
+    if slings.angle is not None and slings.number != 1:
+        yield from judge_value(SLING_ANGLE, math.degrees(slings.angle), table, "angle")
+        of_length = sling_angle(replace(details, slings=replace(slings, angle=None)))
+        if of_length is not None and abs(of_length - slings.angle) > ANGLE_TOLERANCE:
+            sentence = (
+                f"The angle of a leg is {math.degrees(slings.angle):.0f}°; from its length and the "
+                f"lifting points it is {math.degrees(of_length):.0f}° from the vertical. Is it "
+                "from the horizontal?"
+            )
+            yield Finding(table, "angle", False, sentence)
+    count = len(details.load.lifting_points)
+    if count and slings.number not in (None, count) and details.spreader is None:
+        sentence = f"There are {slings.number} legs and {count} lifting points of the load."
+        yield Finding(table, "number", False, sentence)
+
+
+def _of_points(load: LoadDetails, half: np.ndarray) -> Iterator[Finding]:
+    """Yield a centre of gravity outside of the load, lifting points far from it, and an area that
+    its box does not have.
+
+    Args:
+        load: The details of the load.
+        half: Half of each side of the box around the load [m], shape (3,).
+    """
+    if load.centre is not None and (np.abs(load.centre) > half).any():
+        sentence = (
+            f"The centre of gravity {_point(load.centre)} m is outside of the load, whose box "
+            f"reaches {_point(half)} m from its middle. It is entered from the middle of the box, "
+            "in metres."
+        )
+        yield Finding("load", "centre", True, sentence)
+    for point in load.lifting_points:
+        share = float((np.abs(point) / half).max())
+        if share > FARTHEST_LIFTING_POINT:
+            sentence = (
+                f"The lifting point {_point(point)} m is outside of the load, whose box reaches "
+                f"{_point(half)} m from its middle. Is it in millimetres, or from a corner?"
+            )
+            yield Finding("load", "lifting_points", share > FARTHEST_POINT_OF_LOAD, sentence)
+    if load.area is not None:
+        # The largest vertical section is that through opposite edges.
+        section = 4.0 * math.hypot(half[0], half[1]) * float(half[2])
+        share = load.area / section
+        if not SMALLEST_AREA_SHARE <= share <= LARGEST_AREA_SHARE:
+            sentence = (
+                f"The area of the load is {_number(load.area)} m²; the largest section of its box "
+                f"has {_number(section)} m²."
+            )
+            yield Finding("load", "area", False, sentence)
+
+
+def _point(point: Sequence[float] | np.ndarray) -> str:
+    """Return a point to read."""
+    return f"({', '.join(_number(float(coordinate)) for coordinate in point)})"
+
+
+def _of_plan(site: Site) -> Iterator[Finding]:
+    """Yield what is unusual of the papers of the crane, the ground, and the limits of the site."""
+    crane = site.details.crane
+    ground = site.details.ground
+    limits = site.details.limits
+    load = site.details.load
+    mats = (ground.mat_length, ground.mat_width)
+    share = None if limits.chart_share is None else 100.0 * limits.chart_share
+    pressure = None if ground.permitted_pressure is None else ground.permitted_pressure / 1e3
+    for quantity, value, table, field in (
+        (JIB_LENGTH, crane.jib_length, "crane", "jib_length"),
+        (COUNTER_BALLAST, crane.counter_ballast, "crane", "counter_ballast"),
+        (HEIGHT_UNDER_HOOK, crane.height_under_hook, "crane", "height_under_hook"),
+        (WIND_LIMIT, crane.wind_limit, "crane", "wind_limit"),
+        (WIND_LIMIT, limits.wind, "limits", "wind"),
+        (CHART_SHARE, share, "limits", "chart_share"),
+        (PRESSURE, pressure, "ground", "permitted_pressure"),
+        (MAT_SIDE, mats[0], "ground", "mat"),
+        (MAT_SIDE, mats[1], "ground", "mat"),
+        (AREA, load.area, "load", "area"),
+        (DRAG, load.drag, "load", "drag"),
+    ):
+        if value is not None:
+            yield from judge_value(quantity, value, table, field)
 
 
 def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:

@@ -273,9 +273,9 @@ class Site(ShortRepr):
         base: Base of the crane; None if unknown.
         arms: Jib and counter-jib as weights; empty if unknown.
         runway: Rails on which the crane travels; None if unknown, or it does not travel.
-        rigging: Masses of "hook" and "slings" [kg], part of the mass of the crane's load. One that
-            is left out is unknown, so that a judgement is not complete; it is 0 where the load's
-            mass contains it.
+        rigging: Masses of "hook", "slings" and "spreader" [kg], part of the mass of the crane's
+            load. A hook or slings that are left out are unknown, so that a judgement is not
+            complete; they are 0 where the load's mass contains them.
         gust: Gust that the lift must bear [m/s]; None if unknown.
         gust_swing: Largest angle of the rope from plumb in gusts [rad]; None if unknown.
         risk: Largest probability that a perturbed lift comes closer than required; None if unknown.

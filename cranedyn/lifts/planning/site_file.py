@@ -17,6 +17,19 @@ from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.boom import boom_length, boom_of, telescope_at
 from cranedyn.lifts.planning.crane_bodies import neighbour
+from cranedyn.lifts.planning.details_file import (
+    CRANE_FIELDS,
+    GROUND_FIELDS,
+    JOB_FIELDS,
+    LIMIT_FIELDS,
+    LOAD_FIELDS,
+    PEOPLE_FIELDS,
+    RIGGING_FIELDS,
+    SAFETY_FIELDS,
+    details_of,
+    rigging_masses,
+    rigging_tables,
+)
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
     CRANE_HEADING,
@@ -51,6 +64,10 @@ SITES = Path(__file__).parent / "sites"
 EXAMPLES = ("open_yard", "city_block", "tower", "neighbour")
 """Names of the example sites."""
 
+PLAN_EXAMPLES = ("signed_lift",)
+"""Names of the example sites with every field of a lift plan; the experiment `lift` does not plan
+their lifts, which would be those of `EXAMPLES` again."""
+
 CHART_EXAMPLES = ("laboratory", "mct88")
 """Names of the example charts: of this project's crane, and points of a maker's sheet."""
 
@@ -67,7 +84,7 @@ def read_site(path: str | Path) -> Site:
             obstacles have one name.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, EXAMPLES, "site")
+    path = example_path(path, SITES, (*EXAMPLES, *PLAN_EXAMPLES), "site")
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
     tables = _tables(top, lines)
     ground = tables["ground"].number("height")
@@ -86,9 +103,8 @@ def read_site(path: str | Path) -> Site:
     lift = tables["lift"]
     wind = tables["wind"]
     rigging = tables["rigging"]
-    masses = {}
-    for name in sorted(rigging.values.keys() - {"falls"}):
-        masses[name] = rigging.number(name, unit="kg", allowed=">= 0")
+    masses = rigging_masses(tables)
+    details = details_of(tables)
     site = Site(
         name=top.text("name", path.stem),
         solids=tuple(solids),
@@ -96,7 +112,7 @@ def read_site(path: str | Path) -> Site:
         foot=np.array(crane.numbers("position", 3, default=[0.0, 0.0, ground])),
         heading=_heading(crane, is_tower=is_tower),
         crane=_crane_values_of(tables, masses, drives, description),
-        load=_load(tables["load"]),
+        load=_load(tables["load"], details.load.centre),
         start=_point(lift, "from"),
         goal=_point(lift, "to"),
         distance=lift.number("distance", DISTANCE, "m", "> 0"),
@@ -117,6 +133,7 @@ def read_site(path: str | Path) -> Site:
         telescope="" if telescope is None else telescope.joint,
         boom=None if telescope is None else telescope.boom,
         counterweight=_counterweight(crane),
+        details=details,
         entered=_entered(tables),
     )
     return _plausible(site, tables)
@@ -137,7 +154,7 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
         if not isinstance(values, dict):
             top.fail(name, "it must be a table.")
         tables[name] = SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
-    return tables
+    return tables | rigging_tables(tables["rigging"], lines)
 
 
 def _description(crane: SiteTable) -> DescribedCrane | None:
@@ -424,12 +441,15 @@ def read_fields(
 
 
 _FIELDS = {
-    "ground": ["height"],
+    "job": [*JOB_FIELDS],
+    "people": [*PEOPLE_FIELDS],
+    "ground": ["height", *GROUND_FIELDS],
     "crane": [
         *("kind", "file", "machine", "driven", "locked", "boom", "counterweight"),
         *("position", "heading", "yaw", "values", "chart"),
+        *CRANE_FIELDS,
     ],
-    "load": ["size", "file", "mass"],
+    "load": ["size", "file", "mass", *LOAD_FIELDS],
     "lift": ["from", "to", "distance", "swing", "risk"],
     "wind": ["gust", "swing"],
     "uncertainty": ["mass", "cable", "wind", "gust", "delay"],
@@ -438,7 +458,9 @@ _FIELDS = {
     "runway": ["rails", "wheel_base", "permitted"],
     "jib": ["mass", "centre"],
     "counter_jib": ["length", "mass", "centre"],
-    "rigging": ["hook", "slings", "falls"],
+    "rigging": [*RIGGING_FIELDS],
+    "limits": [*LIMIT_FIELDS],
+    "safety": [*SAFETY_FIELDS],
 }
 """Tables of a site beside its obstacles, with their fields."""
 
@@ -618,18 +640,31 @@ def _arms(jib: SiteTable, counter_jib: SiteTable) -> tuple[Arm, ...]:
     return tuple(arms)
 
 
-def _load(load: SiteTable) -> np.ndarray | None:
-    """Return the corners of the load about its centre [m], shape (n, 3), from a mesh or from the
-    sides of a box; None if neither is entered.
+def _load(load: SiteTable, centre: Sequence[float] | None) -> np.ndarray | None:
+    """Return the corners of the load about the point that hangs below the rope [m], shape (n, 3),
+    from a mesh or from the sides of a box; None if neither is entered.
+
+    In plan that point is the centre of gravity, which the rope is above wherever the load hangs at
+    rest. In height it is the middle of the box around the load.
+
+    Args:
+        load: [load].
+        centre: Centre of gravity from the centre of the box [m], as entered; None for the middle of
+            a box, or the centre of volume of a mesh.
     """
     if "file" in load.values:
         if "size" in load.values:
             load.fail("size", "file is given, too; leave one out.")
         vertices, triangles = read_mesh(load.file("file"))
-        return vertices - _hanging_centre(vertices, triangles)
-    if "size" not in load.values:
+        if centre is None:
+            return vertices - _hanging_centre(vertices, triangles)
+        corners = vertices - (vertices.min(axis=0) + vertices.max(axis=0)) / 2.0
+    elif "size" in load.values:
+        corners = np.array(box_corners(*load.numbers("size", 3, "> 0")))
+    else:
         return None
-    return np.array(box_corners(*load.numbers("size", 3, "> 0")))
+    aside = (0.0, 0.0) if centre is None else (centre[0], centre[1])
+    return corners - np.array([*aside, 0.0])
 
 
 def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:

@@ -6,6 +6,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from datetime import date, time
 from functools import partial
 from pathlib import Path
 from typing import Any, NoReturn
@@ -23,6 +24,13 @@ _KEY = re.compile(r"\s*([\w]+)\s*=")
 
 MAX_COUNT = 2000
 """Largest number of obstacles of a site, and of corners of an outline."""
+
+MAX_POINTS = 24
+"""Largest number of points of a load."""
+
+POINT_RANGE = "-1000000 to 1000000"
+"""Coordinates that a point of a load may have [m], in the words of `cranedyn.checks.number`: wide
+enough for millimetres, which are then asked about."""
 
 FieldLines = Mapping[tuple[str, int], dict[str, int]]
 """Number of the line of each field, by the name of its table and the index among the tables of that
@@ -124,6 +132,52 @@ class SiteTable:
         """Return a number in a range; None if it is left out."""
         return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
 
+    def optional_text(self, key: str) -> str | None:
+        """Return a text that is for people only, and which TOML may also write as a whole number or
+        a date, such as the number of a job; None if it is left out.
+        """
+        return self.take(key, _label) if key in self.values else None
+
+    def optional_flag(self, key: str) -> bool | None:
+        """Return true or false; None if it is left out."""
+        return self.flag(key) if key in self.values else None
+
+    def optional_numbers(
+        self, key: str, count: int, unit: str = "m", allowed: str = "any"
+    ) -> tuple[float, ...] | None:
+        """Return a list of a count of numbers of one unit; None if it is left out."""
+        if key not in self.values:
+            return None
+        return tuple(self.numbers(key, count, allowed, units=(unit,)))
+
+    def texts(self, key: str) -> tuple[str, ...]:
+        """Return a list of printable texts, or a single one; empty if it is left out."""
+        value = self.values.get(key, [])
+        if isinstance(value, str):
+            return (self.text(key),)
+        return tuple(self.take(key, names_of, []))
+
+    def points(self, key: str) -> tuple[tuple[float, float, float], ...]:
+        """Return a list of points [m]; empty if it is left out."""
+        return self.take(key, _points, ())
+
+    def child(self, key: str, fields: Sequence[str], lines: FieldLines) -> SiteTable:
+        """Return a table within this one, such as [rigging.slings]; empty if it is left out, or if
+        something else than a table stands there.
+
+        Args:
+            key: Name of the inner table.
+            fields: Names of the fields that it may have.
+            lines: Lines of all fields of the file.
+        """
+        name = f"{self.name}.{key}"
+        values = self.values.get(key, {})
+        if not isinstance(values, dict):
+            values = {}
+        # A table that is written in one line, {...}, has the line of its field.
+        own_lines = lines.get((name, 0), {"": self.lines.get(key, self.lines.get("", 1))})
+        return SiteTable(self.path, name, values, own_lines, fields)
+
     def tables(self, kind: str, fields: Sequence[str], lines: FieldLines) -> list[SiteTable]:
         """Return all tables of a kind; an empty list if there are no such tables.
 
@@ -203,6 +257,26 @@ def _text(name: str, value: Any) -> str:
     if not isinstance(value, str) or not value.strip() or not value.isprintable():
         raise OutOfRange(name, quoted(value), "a printable text")
     return value
+
+
+def _label(name: str, value: Any) -> str:
+    """Return a printable text, also of a whole number or a date."""
+    if isinstance(value, date | time) or (isinstance(value, int) and not isinstance(value, bool)):
+        return str(value)
+    return _text(name, value)
+
+
+def _points(name: str, value: Any) -> tuple[tuple[float, float, float], ...]:
+    """Return a list of points [m]."""
+    if not isinstance(value, list) or not 1 <= len(value) <= MAX_POINTS:
+        raise OutOfRange(
+            name, quoted(value), f"a list of 1 to {MAX_POINTS} points, each of 3 numbers", "m"
+        )
+    points = []
+    for point in value:
+        x, y, z = _numbers(f"point of {name}", point, 3, POINT_RANGE)
+        points.append((x, y, z))
+    return tuple(points)
 
 
 def crane_values(name: str, table: Any) -> dict[str, float]:

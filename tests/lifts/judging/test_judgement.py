@@ -82,9 +82,13 @@ def table(folder: Path, title: str) -> dict[str, list]:
 def test_the_page_begins_with_go_and_needs_no_other_file(folder: Path) -> None:
     text = (folder / "lift.html").read_text(encoding="utf-8")
     assert ">GO<" in text and "NO GO" not in text and STATEMENT in text
-    first = text[: text.index("<section")]
+    page_text = unescape(text)
     for claim in result(folder)["claims"]:
-        assert claim["holds"] is True and claim["sentence"] in unescape(first)
+        assert claim["holds"] is True and claim["sentence"] in page_text
+    # What somebody decides by and signs stands on the first page.
+    first = page_text[: page_text.index("<section")]
+    for words in (">GO<", "Category: at least routine", "their least distance", "Sign-off"):
+        assert words in first
     assert not re.search(r"""(src|href)=["'](?!data:)""", text) and "<script" not in text
     assert result(folder)["command"] in text
     for one in result(folder)["tables"]:
@@ -315,7 +319,7 @@ def test_a_wind_is_borne_and_a_ground_bears_up_to_what_was_found_and_no_further(
     case = small(wind=blown)
     assert case.requirements.wind == 8.0 and red(case) == []
     (wind_,) = red(small(wind=blown, inputs=requiring(wind=8.5)))
-    assert "The lift bears gusts up to 8 m/s, not 9 m/s" in wind_
+    assert "The lift bears gusts up to 8 m/s (29 km/h), not 9 m/s" in wind_
     most = max(float(case.loads[f"corner_{i}_N"].max()) for i in range(1, 5))
     exact = replace(case.inputs, spread=replace(case.inputs.spread, load=0.0))
     for share, stops in ((1.001, 0), (0.999, 1)):
@@ -501,6 +505,7 @@ def test_the_wind_limit_is_that_of_the_worst_gust_whatever_is_drawn(
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", by_hand)
     monkeypatch.setattr(wind_limit_module, "_enter_values", note)
+    monkeypatch.setattr(wind_limit_module._Trial, "nearest", lambda *_: None)
     found = wind_limit(certificate(), CHART, seed=seed)
     assert found.interval() == (11.0, 12.0) and found.binding == "clearance"
     assert found.lifts == sum(len(drawn["gust_m_s"]) for drawn in blown)
@@ -526,6 +531,16 @@ def test_gusts_swing_a_load_as_far_as_mechanics_has_it() -> None:
         assert swing < planned + 2.0 * lean(speed + 2.0)
     assert found.worst["swing"][-1] > 2.0 * planned
     assert 4.0 <= found.limit("swing") < 28.0
+
+
+def test_what_a_gust_brings_the_load_next_to_is_named() -> None:
+    """In a breath of wind it is what the certificate names, at nearly the same distance."""
+    trial = wind_limit_module._Trial(certificate(), CHART, None, {"clearance": 0.5}, 1e-3)
+    found = trial.nearest(0.01, np.array([5.0, 5.0, 0.0]))
+    calm = certificate().nearest
+    assert found is not None
+    assert (found.body, found.obstacle) == (calm.body, calm.obstacle)
+    assert found.distance == pytest.approx(calm.distance, abs=0.02)
 
 
 @pytest.mark.parametrize(
@@ -578,9 +593,10 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2
     )
     defaults = [a.name for a in unknown.assumptions if a.origin is Origin.DEFAULT]
-    assert len(unknown.assumptions) == 20
+    assert len(unknown.assumptions) == 21
     assert {a.name for a in unknown.assumptions} - {*defaults} == {
-        *("size of the load", "load chart", "crane", "gravity", "attitude of the load")
+        *("size of the load", "load chart", "crane", "gravity", "attitude of the load"),
+        "area of the load to the wind, times its drag coefficient",
     }
     assert [a.name for a in known.assumptions if a.origin is Origin.DEFAULT] == []
     required = [
@@ -771,7 +787,14 @@ def test_the_first_table_has_the_numbers_that_decide_and_says_what_was_not_judge
     assert made.wind is not None
     used = 100.0 * made.utilisation.max()
     assert numbers["utilisation of the chart"] == [f"{used:.1f} %", "90 %"]
-    assert numbers["gust that the lift bears"][0] == f"{made.wind.limit():g} m/s"
+    # 8 m/s are 28.8 km/h.
+    assert numbers["gust that the lift bears"] == ["8 m/s (29 km/h)", "8 m/s (29 km/h)"]
+
+    # All 400 harmless lifts keep 1 m and more; of others the nearest was measured.
+    assert numbers["their least distance"] == ["1.00 m or more", "0.5 m"]
+    near = Perturbed(np.array([1.0, 0.4, math.nan]), 0.5, {}, np.zeros(3))
+    nearest = {row[0]: row[1] for row in tables(small(perturbed=near))[0].rows}
+    assert nearest["their least distance"] == "0.40 m"
 
     unjudged = {row[0]: row[1] for row in tables(small(wind=None, perturbed=None))[0].rows}
     assert unjudged["gust that the lift bears"] == "not judged"

@@ -1,0 +1,426 @@
+"""Checks of what a site enters for its lift plan: slings, spreader, lifting points, headroom,
+bearing pressure and limits of the wind.
+
+Each is made from what was entered. Where nothing of it was entered there is no check, and the
+report lists it under what is not checked (`not_checked`). Where a part of it was entered and the
+rest is missing, it is not judged. The derivations are in docs/concepts/lifting.md, "What a lift
+plan adds".
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.planning.rigging import (
+    attachment_height,
+    counted_legs,
+    largest_share,
+    leg_share,
+    rigging_height,
+    sling_angle,
+    tilt,
+)
+from cranedyn.verdict import Check
+
+MAX_SLING_ANGLE = math.radians(60.0)
+"""Largest angle of a leg from the vertical at which slings may be used [rad]: of guides for
+slingers, as for EN 818-4 and EN 1492; read second hand."""
+
+KMH = 3.6
+"""One metre per second in kilometres per hour."""
+
+PlanCheck = Callable[[LiftAnalysis], Check | None]
+"""A check of what a site enters; None where nothing of it was entered."""
+
+
+def plan_checks(analysis: LiftAnalysis) -> list[Check]:
+    """Return the checks of what the site enters for its lift plan, in the order of the report."""
+    checks = []
+    for function in PLAN_CHECKS:
+        check = function(analysis)
+        if check is not None:
+            # By the name of the function a stored plan finds its check again.
+            checks.append(Check(check.sentence, check.verdict, function.__name__))
+    return checks
+
+
+def not_checked(analysis: LiftAnalysis) -> list[str]:
+    """Return what is not checked because nobody entered anything of it, in sentences."""
+    on_rails = LoadJoints.of(analysis.crane).travel is not None
+    sentences = []
+    for function, sentence in PLAN_CHECKS.items():
+        # A crane on rails has wheel loads in the place of a pressure on the ground.
+        applies = bool(sentence) and not (function is ground_bears and on_rails)
+        if applies and function(analysis) is None:
+            sentences.append(sentence)
+    return sentences
+
+
+def in_words(names: list[str]) -> str:
+    """Return names as a list in a sentence."""
+    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
+
+
+# --- rigging --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class SlingForce:
+    """What the most loaded leg of the slings carries.
+
+    Attributes:
+        force: Its force, dynamics of the simulated lift and tolerance of the mass included [N].
+        limit: The force that its working load limit allows [N].
+        angle: Its angle from the vertical [rad].
+        share: The share of the weight below that it is counted with.
+    """
+
+    force: float
+    limit: float
+    angle: float
+    share: float
+
+    @property
+    def utilisation(self) -> float:
+        """Its force over what its working load limit allows."""
+        return self.force / self.limit
+
+
+def lifted_force(analysis: LiftAnalysis, *, above: tuple[str, ...]) -> float:
+    """Return the largest force by which the parts of what hangs pull on what holds them [N], with a
+    load heavier by its tolerance.
+
+    Load, slings, spreader and hook block move together, so that each part takes the share of the
+    rope's largest tension that its mass is of all. That tension is of the simulated lift, so that
+    the dynamics of lifting off and moving are in it.
+
+    Args:
+        analysis: The lift.
+        above: Parts of the rigging that hold the others and are not counted, of "hook", "slings"
+            and "spreader".
+    """
+    mass = hanging_mass(analysis.crane)
+    below = mass - sum(analysis.site.rigging.get(part, 0.0) for part in above)
+    tension = float(analysis.loads["rope_N"].max())
+    return (1.0 + analysis.inputs.spread.load) * tension * below / mass
+
+
+def sling_force(analysis: LiftAnalysis) -> SlingForce | None:
+    """Return what the most loaded leg carries; None if something that it needs is not entered, or
+    the centre of gravity is outside of the lifting points.
+    """
+    details = analysis.site.details
+    slings = details.slings
+    angle = sling_angle(details)
+    if slings.number is None or slings.limit is None or angle is None:
+        return None
+    share = leg_share(details.load, slings.number)
+    if share is None:
+        return None
+    lifted = lifted_force(analysis, above=("hook", "spreader"))
+    return SlingForce(
+        force=lifted * share / math.cos(angle),
+        limit=slings.limit * analysis.crane.gravity,
+        angle=angle,
+        share=share,
+    )
+
+
+def slings_bear(analysis: LiftAnalysis) -> Check | None:
+    """Check that the most loaded leg of the slings carries no more than its working load limit, at
+    an angle at which slings may be used.
+    """
+    slings = analysis.site.details.slings
+    if slings.number is None and slings.limit is None:
+        return None
+    missing = []
+    if slings.number is None:
+        missing.append("number")
+    if slings.limit is None:
+        missing.append("limit")
+    if sling_angle(analysis.site.details) is None:
+        missing.append("angle, or length beside [load] lifting_points")
+    if missing:
+        return Check(
+            f"The slings are not judged: [rigging.slings] lacks {in_words(missing)}.", None
+        )
+    leg = sling_force(analysis)
+    if leg is None:
+        return Check("The slings are not judged: the load does not hang in them as entered.", None)
+    assert slings.number is not None  # as nothing is missing
+    gravity = analysis.crane.gravity
+    counted = counted_legs(slings.number)
+    return Check(
+        f"A leg of the slings pulls with {leg.force / gravity / 1e3:.2f} t at most, "
+        f"{100.0 * leg.utilisation:.0f} % of its working load limit of "
+        f"{leg.limit / gravity / 1e3:.2f} t, with {100.0 * leg.share:.0f} % of the weight at "
+        f"{math.degrees(leg.angle):.0f}° from the vertical ({counted} of {slings.number} counted "
+        f"on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.",
+        leg.force <= leg.limit and leg.angle <= MAX_SLING_ANGLE,
+    )
+
+
+def spreader_bears(analysis: LiftAnalysis) -> Check | None:
+    """Check that the spreader carries no more than its working load limit."""
+    spreader = analysis.site.details.spreader
+    if spreader is None:
+        return None
+    if spreader.limit is None:
+        return Check("The spreader is not judged: [rigging.spreader] lacks limit.", None)
+    gravity = analysis.crane.gravity
+    force = lifted_force(analysis, above=("hook", "spreader"))
+    return Check(
+        f"The spreader carries {force / gravity / 1e3:.2f} t at most, "
+        f"{100.0 * force / gravity / spreader.limit:.0f} % of its working load limit of "
+        f"{spreader.limit / 1e3:.2f} t.",
+        force <= gravity * spreader.limit,
+    )
+
+
+def centre_between_lifting_points(analysis: LiftAnalysis) -> Check | None:
+    """Check that the centre of gravity is within the polygon of the lifting points in plan, and not
+    above them.
+    """
+    load = analysis.site.details.load
+    if not load.lifting_points or load.centre is None:
+        return None
+    share = largest_share(load.lifting_points, load.centre)
+    if share is None:
+        return Check(
+            "The centre of gravity is outside of the lifting points in plan: the load turns over, "
+            "or hangs out of level until it is below the hook.",
+            False,
+        )
+    above = load.centre[2] - min(z for _, _, z in load.lifting_points)
+    if above > 0.0:
+        return Check(
+            f"The centre of gravity is {above:.2f} m above a lifting point: whether the load turns "
+            "over is not computed.",
+            None,
+        )
+    leans = tilt(analysis.site.details)
+    level = ""
+    if leans is not None:
+        level = f"; with all legs of one length it hangs {math.degrees(leans):.1f}° out of level"
+    return Check(
+        "The centre of gravity is between the lifting points, of which one may carry "
+        f"{100.0 * share:.0f} % of the weight{level}.",
+        True,
+    )
+
+
+# --- heights --------------------------------------------------------------------------------------
+
+
+def hook_height(analysis: LiftAnalysis) -> float | None:
+    """Return the largest height of the saddle of the hook above the foot of the crane in the
+    planned motion [m]; None if the height of the rigging does not follow from what is entered.
+    """
+    rigging = rigging_height(analysis.site.details)
+    if rigging is None:
+        return None
+    clearance = analysis.certificate.lift.clearance
+    places = clearance.point(analysis.certificate.run.q[:, clearance.drive_joints])
+    attached = attachment_height(analysis.site.details, clearance.bodies.load)
+    return float(places[:, 2].max()) + attached + rigging
+
+
+def headroom(analysis: LiftAnalysis) -> Check | None:
+    """Check that the hook stays below the largest height that it can have by the papers of the
+    crane, less the error of the cable length.
+    """
+    largest = analysis.site.details.crane.height_under_hook
+    if largest is None:
+        return None
+    needed = hook_height(analysis)
+    if needed is None:
+        return Check(
+            "The headroom is not judged: the height of slings and spreader does not follow from "
+            "what [rigging.slings] and [rigging.spreader] enter.",
+            None,
+        )
+    error = analysis.inputs.spread.cable
+    return Check(
+        f"The hook rises to {needed:.2f} m above the foot, {largest - needed:.2f} m below its "
+        f"largest height of {largest:g} m; the cable may be wrong by {error:g} m.",
+        largest - needed >= error,
+    )
+
+
+def rope_above_hook_block(analysis: LiftAnalysis) -> Check | None:
+    """Check that the hook block with all that hangs below it is shorter than the cable."""
+    details = analysis.site.details
+    if details.hook_block_height is None:
+        return None
+    rigging = rigging_height(details)
+    if rigging is None:
+        return Check(
+            "Whether the hook block fits below the upper end of the rope is not judged: the height "
+            "of slings and spreader does not follow from what is entered.",
+            None,
+        )
+    clearance = analysis.certificate.lift.clearance
+    shortest = float(np.min(clearance.cable(analysis.certificate.run.q)))
+    hangs = attachment_height(details, clearance.bodies.load) + rigging + details.hook_block_height
+    error = analysis.inputs.spread.cable
+    return Check(
+        f"Above the hook block {shortest - hangs:.2f} m of rope are left at least; the cable may "
+        f"be wrong by {error:g} m.",
+        shortest - hangs >= error,
+    )
+
+
+# --- ground ---------------------------------------------------------------------------------------
+
+
+class SupportForces(NamedTuple):
+    """Forces of the corners of a base on the ground [N], with a load heavier by its tolerance.
+
+    Attributes:
+        smallest: The smallest.
+        largest: The largest.
+    """
+
+    smallest: float
+    largest: float
+
+
+def corner_range(analysis: LiftAnalysis) -> SupportForces | None:
+    """Return the smallest and the largest force of a corner of the base; None if they are not
+    known.
+    """
+    base = analysis.site.base
+    if base is None or "corner_1_N" not in analysis.loads.values:
+        return None
+    forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
+    # A load heavier by its tolerance presses by that share of its own part in a corner, which is
+    # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
+    added = analysis.inputs.spread.load * analysis.loads["pull_N"]
+    tilting = analysis.loads["radius_m"] / (math.sqrt(2.0) * base.spacing)
+    return SupportForces(
+        float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min()),
+        float((forces.max(axis=0) + added * (0.25 + tilting)).max()),
+    )
+
+
+def bearing_pressure(analysis: LiftAnalysis) -> float | None:
+    """Return the largest pressure below a mat [Pa]: the largest force of a corner over the area of
+    its mat; None if one of them is not known.
+    """
+    ground = analysis.site.details.ground
+    forces = corner_range(analysis)
+    if forces is None or ground.mat_length is None or ground.mat_width is None:
+        return None
+    return forces.largest / (ground.mat_length * ground.mat_width)
+
+
+def ground_bears(analysis: LiftAnalysis) -> Check | None:
+    """Check that the pressure below each mat is no more than the ground permits."""
+    ground = analysis.site.details.ground
+    if ground.permitted_pressure is None:
+        return None
+    permitted = f"{ground.permitted_pressure / 1e3:g} kPa permitted"
+    if ground.mat_length is None or ground.mat_width is None:
+        return Check(f"The bearing pressure is not judged, {permitted}: [ground] lacks mat.", None)
+    pressure = bearing_pressure(analysis)
+    if pressure is None:
+        return Check(
+            f"The bearing pressure is not judged, {permitted}: the forces of the corners are not "
+            "known.",
+            None,
+        )
+    return Check(
+        f"Below a mat of {ground.mat_length:g} m by {ground.mat_width:g} m the ground bears "
+        f"{pressure / 1e3:.0f} kPa at most, the weight of the mat not counted; {permitted}.",
+        pressure <= ground.permitted_pressure,
+    )
+
+
+# --- wind -----------------------------------------------------------------------------------------
+
+
+MAKER = "the maker of the crane"
+"""Who sets the limit of `CraneDocuments.wind_limit`."""
+
+SITE = "the site"
+"""Who sets the limit of `SiteLimits.wind`."""
+
+LOAD = "this load, by its area"
+"""What sets the limit that `cranedyn.lifts.judging.wind_limit` finds."""
+
+
+class WindBound(NamedTuple):
+    """A wind in which a lift stops.
+
+    Attributes:
+        source: Whose limit it is: `MAKER`, `SITE` or `LOAD`.
+        gust: The gust [m/s].
+    """
+
+    source: str
+    gust: float
+
+
+def wind_bounds(analysis: LiftAnalysis) -> list[WindBound]:
+    """Return the winds in which the lift stops, as far as they are known, the least first: of the
+    maker, of the site, and of this load by its area.
+    """
+    details = analysis.site.details
+    bounds = []
+    if details.crane.wind_limit is not None:
+        bounds.append(WindBound(MAKER, details.crane.wind_limit))
+    if details.limits.wind is not None:
+        bounds.append(WindBound(SITE, details.limits.wind))
+    if analysis.wind is not None:
+        bounds.append(WindBound(LOAD, analysis.wind.limit()))
+    return sorted(bounds, key=lambda bound: bound.gust)
+
+
+def gust_below_all_limits(analysis: LiftAnalysis) -> Check | None:
+    """Check that the gust in which the lift must be possible is below the limits of maker and
+    site.
+    """
+    details = analysis.site.details
+    if details.crane.wind_limit is None and details.limits.wind is None:
+        return None
+    least = wind_bounds(analysis)[0]
+    required = analysis.requirements.wind
+    assert required is not None  # see `cranedyn.lifts.judging.judged_inputs`
+    return Check(
+        f"The least limit of the wind is that of {least.source}, {wind_text(least.gust)}; "
+        f"{wind_text(required)} required.",
+        required <= least.gust,
+    )
+
+
+def wind_text(speed: float) -> str:
+    """Return the speed of a wind in both units that people use."""
+    return f"{speed:g} m/s ({KMH * speed:.0f} km/h)"
+
+
+PLAN_CHECKS: dict[PlanCheck, str] = {
+    slings_bear: "The slings: [rigging.slings] enters neither their number nor their limit.",
+    spreader_bears: "",  # a lift without a spreader lacks nothing
+    centre_between_lifting_points: (
+        "How the load hangs: [load] lacks lifting_points or centre, its centre of gravity."
+    ),
+    headroom: "The headroom: [crane] lacks height_under_hook.",
+    rope_above_hook_block: (
+        "Whether the hook block fits below the upper end of the rope: [rigging] lacks hook_height."
+    ),
+    ground_bears: "The pressure on the ground: [ground] lacks permitted_pressure.",
+    gust_below_all_limits: (
+        "The wind in which maker or site stop the crane: neither [crane] wind_limit nor [limits] "
+        "wind is entered."
+    ),
+}
+"""The checks of what a site enters, in the order of the report, each with the sentence that takes
+its place where nothing of it was entered; an empty one where nothing is missing then."""

@@ -1,0 +1,272 @@
+"""The fields of a lift plan: what people look for on it, with its value, or empty to be filled in
+by hand.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.assumptions import Assumption, Origin
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.lift_positions import largest_wheel_force
+from cranedyn.lifts.judging.plan_checks import (
+    bearing_pressure,
+    corner_range,
+    headroom,
+    hook_height,
+    sling_force,
+    wind_text,
+)
+from cranedyn.lifts.judging.table import place_text
+
+COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
+"""Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
+people on the site can watch."""
+
+
+@dataclass(frozen=True)
+class PlanField:
+    """A field of a lift plan.
+
+    Attributes:
+        label: What it is.
+        value: Its value as text; None if nobody entered it, then it is an empty line.
+    """
+
+    label: str
+    value: str | None
+
+
+@dataclass(frozen=True)
+class FieldGroup:
+    """Fields of a lift plan about one subject.
+
+    Attributes:
+        title: The subject.
+        fields: The fields.
+    """
+
+    title: str
+    fields: Sequence[PlanField]
+
+
+def identification(analysis: LiftAnalysis) -> FieldGroup:
+    """Return which lift the plan is for."""
+    job = analysis.site.details.job
+    fields = [
+        PlanField("Site", job.site),
+        PlanField("Client", job.client),
+        PlanField("What is lifted", job.title),
+        PlanField("Lift number", job.number),
+        PlanField("Date of the lift", job.date),
+        PlanField("Revision", job.revision),
+    ]
+    return FieldGroup("Identification", fields)
+
+
+def signatures(analysis: LiftAnalysis) -> list[PlanField]:
+    """Return who signs, with their names as far as they are entered."""
+    people = analysis.site.details.people
+    return [
+        PlanField("Prepared by", people.prepared),
+        PlanField("Approved by", people.approved),
+        PlanField("Appointed person", people.appointed),
+        PlanField("Lift supervisor", people.supervisor),
+        PlanField("Crane operator", people.operator),
+        PlanField("Slinger", people.slinger),
+        PlanField("Signaller", people.signaller),
+    ]
+
+
+def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
+    """Return the assumptions that people on the site can watch, and every value that nobody
+    entered, these first.
+    """
+    assumptions = analysis.inputs.assumptions
+    defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
+    others = [a for a in assumptions if a.origin is not Origin.DEFAULT]
+    return defaults + [a for a in others if a.field.startswith((*COUNTING_FIELDS, "--"))]
+
+
+def field_groups(analysis: LiftAnalysis) -> list[FieldGroup]:
+    """Return the fields of the pages behind the first, by subject."""
+    return [
+        _load(analysis),
+        _rigging(analysis),
+        _crane(analysis),
+        _ground(analysis),
+        _people(analysis),
+    ]
+
+
+def _load(analysis: LiftAnalysis) -> FieldGroup:
+    """Return weight, size, centre of gravity and lifting points of the load."""
+    site = analysis.site
+    load = site.details.load
+    size = np.ptp(analysis.certificate.lift.clearance.bodies.load, axis=0)
+    rigging = sum(site.rigging.values())
+    mass = site.crane.get("payload_mass")
+    points = "; ".join(place_text(point, 2) for point in load.lifting_points)
+    fields = [
+        PlanField("Mass of the load", None if mass is None else tonnes(mass - rigging)),
+        PlanField("How it is known", load.source),
+        PlanField("Tolerance", f"±{100.0 * analysis.inputs.spread.load:.3g} %"),
+        PlanField("Size across, along, high", " × ".join(f"{side:.2f}" for side in size) + " m"),
+        PlanField(
+            "Centre of gravity, from the middle of the box",
+            None if load.centre is None else f"{place_text(load.centre, 2)} m",
+        ),
+        PlanField("Lifting points, from there", f"{points} m" if points else None),
+        PlanField("Area to the wind", None if load.area is None else f"{load.area:g} m²"),
+        PlanField("Drag coefficient", None if load.drag is None else f"{load.drag:g}"),
+    ]
+    return FieldGroup("Load", fields)
+
+
+def _rigging(analysis: LiftAnalysis) -> FieldGroup:
+    """Return slings, spreader, hook block and headroom."""
+    details = analysis.site.details
+    slings = details.slings
+    spreader = details.spreader
+    masses = analysis.site.rigging
+    leg = sling_force(analysis)
+    height = hook_height(analysis)
+    room = None
+    if height is not None and headroom(analysis) is not None:
+        assert details.crane.height_under_hook is not None  # it is checked
+        room = f"{details.crane.height_under_hook - height:.2f} m"
+    fields = [
+        PlanField("Slings", slings.type),
+        PlanField("Number of legs", None if slings.number is None else f"{slings.number}"),
+        PlanField("Length of a leg", None if slings.length is None else f"{slings.length:g} m"),
+        PlanField("Angle from the vertical", _degrees(slings.angle if leg is None else leg.angle)),
+        PlanField("WLL of a leg", None if slings.limit is None else tonnes(slings.limit)),
+        PlanField("Certificate", slings.certificate),
+        PlanField("Used of it", None if leg is None else f"{100.0 * leg.utilisation:.0f} %"),
+        PlanField("Mass of the slings", _mass(masses, "slings")),
+        PlanField("Mass of the hook block", _mass(masses, "hook")),
+        PlanField(
+            "Height of the hook block",
+            None if details.hook_block_height is None else f"{details.hook_block_height:g} m",
+        ),
+        PlanField("Headroom", room),
+    ]
+    if spreader is None:
+        fields.append(PlanField("Spreader", "none entered"))
+    else:
+        limit = "WLL not entered" if spreader.limit is None else f"WLL {tonnes(spreader.limit)}"
+        fields.append(PlanField("Spreader", f"{spreader.name or 'unnamed'}, {limit}"))
+    return FieldGroup("Rigging", fields)
+
+
+def _crane(analysis: LiftAnalysis) -> FieldGroup:
+    """Return the papers of the crane."""
+    crane = analysis.site.details.crane
+    chart = analysis.chart
+    slews = "radius_m" in analysis.loads.values
+    limit = crane.wind_limit
+    fields = [
+        PlanField("Maker", crane.maker),
+        PlanField("Type", crane.type),
+        PlanField("Serial number", crane.serial),
+        PlanField("Configuration", crane.configuration),
+    ]
+    # A crane that does not slew has neither a jib nor a counter-ballast.
+    if slews or crane.jib_length is not None:
+        length = None if crane.jib_length is None else f"{crane.jib_length:g} m"
+        fields.append(PlanField("Length of the jib", length))
+    if slews or crane.counter_ballast is not None:
+        ballast = None if crane.counter_ballast is None else tonnes(crane.counter_ballast)
+        fields.append(PlanField("Counter-ballast", ballast))
+    height = crane.height_under_hook
+    fields += [
+        PlanField("Falls", None if analysis.inputs.falls is None else f"{analysis.inputs.falls}"),
+        PlanField("Height under hook", None if height is None else f"{height:g} m"),
+        PlanField("Load chart", None if chart is None else chart.name),
+        PlanField("Page of the chart", crane.chart_page),
+        PlanField("Date of the chart", crane.chart_date),
+        PlanField("Wind limit of the maker", None if limit is None else wind_text(limit)),
+        PlanField("Wind measured by", crane.wind_measured),
+    ]
+    return FieldGroup("Crane", fields)
+
+
+def _ground(analysis: LiftAnalysis) -> FieldGroup:
+    """Return forces on the ground or the rails, mats and pressures."""
+    ground = analysis.site.details.ground
+    runway = analysis.site.runway
+    wheels = largest_wheel_force(analysis)
+    if wheels is not None:
+        permitted = None if runway is None or runway.permitted is None else runway.permitted
+        fields = [
+            PlanField("Largest force of a wheel, load as entered", f"{wheels.max() / 1e3:.0f} kN"),
+            PlanField("The rail may bear", None if permitted is None else kilonewtons(permitted)),
+        ]
+        return FieldGroup("Runway", fields)
+    forces = corner_range(analysis)
+    pressure = bearing_pressure(analysis)
+    base = analysis.site.base
+    force = None if base is None or base.permitted is None else base.permitted
+    mat = None
+    if ground.mat_length is not None and ground.mat_width is not None:
+        mat = f"{ground.mat_length:g} m × {ground.mat_width:g} m"
+    bears = ground.permitted_pressure
+    fields = [
+        PlanField(
+            "Largest force of a corner, heavier load",
+            None if forces is None else kilonewtons(forces[1]),
+        ),
+        PlanField("Permitted force", None if force is None else kilonewtons(force)),
+        PlanField("Mat below each corner", mat),
+        PlanField("Bearing pressure", None if pressure is None else f"{pressure / 1e3:.0f} kPa"),
+        PlanField("Permitted pressure", None if bears is None else f"{bears / 1e3:g} kPa"),
+        PlanField("From", ground.pressure_source),
+    ]
+    return FieldGroup("Ground", fields)
+
+
+def _people(analysis: LiftAnalysis) -> FieldGroup:
+    """Return how people are kept clear, speak, and act if something goes wrong."""
+    details = analysis.site.details
+    limits = details.limits
+    fields = [
+        PlanField("Exclusion zone", details.exclusion),
+        PlanField("Communication", details.people.communication),
+        PlanField("Over people or a public way", yes_or_no(limits.over_people)),
+        PlanField("Over services", yes_or_no(limits.over_services)),
+        PlanField("Blind for the operator", yes_or_no(limits.blind)),
+        PlanField("If something goes wrong", " ".join(details.contingency) or None),
+    ]
+    return FieldGroup("People and contingency", fields)
+
+
+def tonnes(mass: float) -> str:
+    """Return a mass [kg] in tonnes."""
+    return f"{mass / 1e3:.2f} t"
+
+
+def kilonewtons(force: float) -> str:
+    """Return a force [N] in kilonewtons."""
+    return f"{force / 1e3:.0f} kN"
+
+
+def _degrees(angle: float | None) -> str | None:
+    """Return an angle [rad] in degrees."""
+    return None if angle is None else f"{math.degrees(angle):.0f}°"
+
+
+def _mass(masses: Mapping[str, float], part: str) -> str | None:
+    """Return the mass of a part of the rigging to read; None if it is not entered."""
+    mass = masses.get(part)
+    return None if mass is None else f"{mass:g} kg"
+
+
+def yes_or_no(value: bool | None) -> str | None:
+    """Return an answer in a word."""
+    if value is None:
+        return None
+    return "yes" if value else "no"

@@ -1,0 +1,125 @@
+"""Tables of the first page of a lift plan and of its sequence."""
+
+from __future__ import annotations
+
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.lift_positions import LiftPosition, lift_positions
+from cranedyn.lifts.judging.plan_checks import KMH, LOAD, MAKER, SITE, wind_bounds
+from cranedyn.lifts.judging.sequence import lift_steps
+from cranedyn.lifts.judging.table import BLANK, Row, Table, place_text
+from cranedyn.lifts.judging.wind_limit import STRONGEST
+
+POSITIONS_TITLE = "Pick-up, largest radius, set-down"
+"""Title of the table of a crane that slews."""
+
+PLACES_TITLE = "Pick-up and set-down"
+"""Title of the same table of a crane that does not slew."""
+
+WIND_TITLE = "Wind limits"
+"""Title of the table of the winds in which the lift stops."""
+
+NO_BREAK = "\N{NO-BREAK SPACE}"
+"""A space at which no line is broken."""
+
+SEQUENCE_TITLE = "Sequence"
+"""Title of the table of the steps of a lift."""
+
+
+def positions_table(analysis: LiftAnalysis) -> Table:
+    """Return rated capacity, gross load and share where the load is picked up, farthest out and set
+    down; for a crane that does not slew, at the places that take their place.
+    """
+    positions = lift_positions(analysis)
+    slews = positions[0].radius is not None
+    has_wheels = positions[0].wheel is not None
+    columns = [("", ""), ("load at (x, y, z) [m]", "")]
+    if slews:
+        columns.append(("radius [m]", ".2f"))
+    columns += [("rated capacity [t]", ".2f"), ("gross load [t]", ".2f"), ("share [%]", ".1f")]
+    if has_wheels:
+        columns.append(("wheel, most [kN]", ".0f"))
+    rows = []
+    for position in positions:
+        row: Row = [position.name, place_text(position.place)]
+        if slews:
+            row.append(position.radius)
+        row += _capacity(position)
+        if has_wheels:
+            assert position.wheel is not None  # all positions have one, or none
+            row.append(position.wheel / 1e3)
+        rows.append(row)
+    falls = "" if analysis.inputs.falls is None else f" on {analysis.inputs.falls} falls"
+    chart = "no chart was entered" if analysis.chart is None else f"{analysis.chart.name}{falls}"
+    note = (
+        f"Rated capacity from the load chart: {chart}. The share is that of the load at rest; with "
+        "the dynamics of the lift it is the utilisation of the chart."
+    )
+    return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
+
+
+def _capacity(position: LiftPosition) -> Row:
+    """Return rated capacity [t], gross load [t] and share [%] at a place, as a part of a row."""
+    rated = None if position.rated is None else position.rated / 1e3
+    share = None if position.share is None else 100.0 * position.share
+    return [rated, position.gross / 1e3, share]
+
+
+def wind_bounds_table(analysis: LiftAnalysis) -> Table:
+    """Return the winds in which the lift stops, the least first, and how the wind is measured. A
+    limit that is not known is an empty line, to be filled in by hand, or not judged.
+    """
+    bounds = wind_bounds(analysis)
+    rows: list[Row] = []
+    for bound in bounds:
+        first = "" if bound is not bounds[0] else ", the least that is known"
+        rows.append([f"{_whose(analysis, bound.source)}{first}", bound.gust, KMH * bound.gust])
+    known = [bound.source for bound in bounds]
+    for source in (MAKER, SITE):
+        if source not in known:
+            rows.append([f"{source} {BLANK}", None, None])
+    if LOAD not in known:
+        rows.append([f"{LOAD}: not judged", None, None])
+    columns = [("limit of", ""), ("gust [m/s]", ".1f"), ("[km/h]", ".0f")]
+    measured = analysis.site.details.crane.wind_measured or BLANK
+    note = (
+        f"The wind is measured by: {measured}. The limit of this load is from simulated gusts at "
+        f"the load, of which {STRONGEST:g} m/s is the strongest that is tried."
+    )
+    return Table(WIND_TITLE, columns, rows, note)
+
+
+def _whose(analysis: LiftAnalysis, source: str) -> str:
+    """Return whose limit a wind limit is; for that of the load with what a stronger gust exceeds
+    first.
+    """
+    wind = analysis.wind
+    if source != LOAD or wind is None or wind.binding is None:
+        return source
+    if wind.binding == "clearance" and wind.nearest is not None:
+        return f"{source} (clearance between {wind.nearest.body} and {wind.nearest.obstacle})"
+    return f"{source} ({wind.binding})"
+
+
+def sequence_table(analysis: LiftAnalysis) -> Table:
+    """Return the steps of the lift with their times, what the crane does, how fast, and who
+    speaks.
+    """
+    people = analysis.site.details.people
+    speaks = people.signaller or BLANK
+    rows: list[Row] = []
+    for step in lift_steps(analysis):
+        # Spaces that do not break keep times and points in one line of a narrow column.
+        times = f"{step.begins:.0f} to {step.ends:.0f}".replace(" ", NO_BREAK)
+        place = place_text(step.place).replace(" ", NO_BREAK)
+        rows.append([str(step.number), times, step.action, step.speeds or "-", place, speaks])
+    columns = [
+        ("step", ""),
+        ("time [s]", ""),
+        ("what happens", ""),
+        ("at most", ""),
+        ("load then at [m]", ""),
+        ("who speaks", ""),
+    ]
+    spoken = people.communication or BLANK
+    note = f"Times from the beginning of the lift. They speak by: {spoken}."
+    return Table(SEQUENCE_TITLE, columns, rows, note)

@@ -1,0 +1,212 @@
+"""The tables of a site's file that say what a lift plan says beside the motion: job, people,
+papers of the crane, rigging, ground, limits (docs/howto/plan_lift.md).
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+from cranedyn.errors import UnknownName
+from cranedyn.lifts.planning.plan_details import (
+    WEIGHT_SOURCES,
+    CraneDocuments,
+    GroundDetails,
+    Job,
+    LoadDetails,
+    People,
+    PlanDetails,
+    SiteLimits,
+    Slings,
+    SlingType,
+    Spreader,
+)
+from cranedyn.lifts.planning.site_table import POINT_RANGE, FieldLines, SiteTable
+
+SLING_TYPES: tuple[SlingType, ...] = ("chain", "wire rope", "webbing", "round")
+"""What slings may be made of."""
+
+JOB_FIELDS = ("site", "client", "number", "title", "date", "revision")
+"""Fields of [job]."""
+
+PEOPLE_FIELDS = (
+    *("prepared", "approved", "appointed", "supervisor", "operator", "slinger", "signaller"),
+    "communication",
+)
+"""Fields of [people]."""
+
+CRANE_FIELDS = (
+    *("maker", "type", "serial", "configuration", "jib_length", "counter_ballast"),
+    *("height_under_hook", "chart_page", "chart_date", "wind_limit", "wind_measured"),
+)
+"""Fields of [crane] that are its papers."""
+
+LOAD_FIELDS = ("source", "centre", "lifting_points", "area", "drag")
+"""Fields of [load] beside its size and its mass."""
+
+RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls")
+"""Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
+
+SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "certificate")
+"""Fields of [rigging.slings]."""
+
+SPREADER_FIELDS = ("mass", "name", "height", "limit")
+"""Fields of [rigging.spreader]."""
+
+GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat")
+"""Fields of [ground] beside its height."""
+
+LIMIT_FIELDS = ("chart_share", "wind", "over_people", "over_services", "blind")
+"""Fields of [limits]."""
+
+SAFETY_FIELDS = ("exclusion", "contingency")
+"""Fields of [safety]."""
+
+
+def rigging_tables(rigging: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
+    """Return the tables [rigging.slings] and [rigging.spreader], by these names; empty where they
+    are left out.
+
+    Raises:
+        DataError: If one of them has an unknown field, or the spreader is no table.
+    """
+    spreader = rigging.values.get("spreader", {})
+    if not isinstance(spreader, dict):
+        rigging.fail("spreader", "write it as a table, [rigging.spreader].")
+    return {
+        "rigging.slings": rigging.child("slings", SLING_FIELDS, lines),
+        "rigging.spreader": rigging.child("spreader", SPREADER_FIELDS, lines),
+    }
+
+
+def rigging_masses(tables: Mapping[str, SiteTable]) -> dict[str, float]:
+    """Return the masses of the rigging [kg], as far as they are entered: of "hook", "slings" and
+    "spreader". That of the slings stands in [rigging] or in [rigging.slings].
+    """
+    rigging = tables["rigging"]
+    masses = {}
+    if "hook" in rigging.values:
+        masses["hook"] = rigging.number("hook", unit="kg", allowed=">= 0")
+    if "slings" in rigging.values and not isinstance(rigging.values["slings"], dict):
+        masses["slings"] = rigging.number("slings", unit="kg", allowed=">= 0")
+    for part in ("slings", "spreader"):
+        table = tables[f"rigging.{part}"]
+        if "mass" in table.values:
+            masses[part] = table.number("mass", unit="kg", allowed=">= 0")
+    return masses
+
+
+def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
+    """Return what the tables of a site enter for its lift plan.
+
+    Args:
+        tables: The tables by name, those within [rigging] among them.
+
+    Raises:
+        DataError: If a value is of another type, out of its range or unknown, with its line.
+    """
+    safety = tables["safety"]
+    return PlanDetails(
+        job=Job(**_texts(tables["job"], JOB_FIELDS)),
+        people=People(**_texts(tables["people"], PEOPLE_FIELDS)),
+        crane=_crane(tables["crane"]),
+        load=_load(tables["load"]),
+        slings=_slings(tables["rigging.slings"]),
+        spreader=_spreader(tables["rigging.spreader"]),
+        hook_block_height=tables["rigging"].optional_number("hook_height", "m", "> 0"),
+        ground=_ground(tables["ground"]),
+        limits=_limits(tables["limits"]),
+        exclusion=safety.optional_text("exclusion"),
+        contingency=safety.texts("contingency"),
+    )
+
+
+def _texts(table: SiteTable, fields: tuple[str, ...]) -> dict[str, str | None]:
+    """Return the texts of fields, by name."""
+    return {field: table.optional_text(field) for field in fields}
+
+
+def _crane(crane: SiteTable) -> CraneDocuments:
+    """Return the papers of the crane."""
+    return CraneDocuments(
+        maker=crane.optional_text("maker"),
+        type=crane.optional_text("type"),
+        serial=crane.optional_text("serial"),
+        configuration=crane.optional_text("configuration"),
+        jib_length=crane.optional_number("jib_length", "m", "> 0"),
+        counter_ballast=crane.optional_number("counter_ballast", "kg", ">= 0"),
+        height_under_hook=crane.optional_number("height_under_hook", "m", "> 0"),
+        chart_page=crane.optional_text("chart_page"),
+        chart_date=crane.optional_text("chart_date"),
+        wind_limit=crane.optional_number("wind_limit", "m/s", "> 0"),
+        wind_measured=crane.optional_text("wind_measured"),
+    )
+
+
+def _load(load: SiteTable) -> LoadDetails:
+    """Return what is known of the load beside its mass and its size."""
+    centre = load.optional_numbers("centre", 3, allowed=POINT_RANGE)
+    return LoadDetails(
+        source=_choice(load, "source", WEIGHT_SOURCES),
+        centre=None if centre is None else (centre[0], centre[1], centre[2]),
+        lifting_points=load.points("lifting_points"),
+        area=load.optional_number("area", "m²", "> 0"),
+        drag=load.optional_number("drag", "", "0.05 to 5"),
+    )
+
+
+def _slings(slings: SiteTable) -> Slings:
+    """Return the slings; the file gives their angle in degrees from the vertical."""
+    angle = slings.optional_number("angle", "degrees", "0 to 85")
+    return Slings(
+        type=_choice(slings, "type", SLING_TYPES),
+        number=slings.whole("number") if "number" in slings.values else None,
+        angle=None if angle is None else math.radians(angle),
+        length=slings.optional_number("length", "m", "> 0"),
+        limit=slings.optional_number("limit", "kg", "> 0"),
+        certificate=slings.optional_text("certificate"),
+    )
+
+
+def _spreader(spreader: SiteTable) -> Spreader | None:
+    """Return the spreader; None if nothing of it is entered."""
+    if not spreader.values:
+        return None
+    return Spreader(
+        name=spreader.optional_text("name"),
+        height=spreader.optional_number("height", "m", ">= 0"),
+        limit=spreader.optional_number("limit", "kg", "> 0"),
+    )
+
+
+def _ground(ground: SiteTable) -> GroundDetails:
+    """Return what carries the crane; the file gives the pressure in kilopascals."""
+    pressure = ground.optional_number("permitted_pressure", "kPa", "> 0")
+    mat = ground.optional_numbers("mat", 2, allowed="> 0")
+    return GroundDetails(
+        permitted_pressure=None if pressure is None else 1e3 * pressure,
+        pressure_source=ground.optional_text("pressure_source"),
+        mat_length=None if mat is None else mat[0],
+        mat_width=None if mat is None else mat[1],
+    )
+
+
+def _limits(limits: SiteTable) -> SiteLimits:
+    """Return the limits of the site; the file gives the share of the chart in percent."""
+    share = limits.optional_number("chart_share", "%", "> 0")
+    return SiteLimits(
+        chart_share=None if share is None else share / 100.0,
+        wind=limits.optional_number("wind", "m/s", "> 0"),
+        over_people=limits.optional_flag("over_people"),
+        over_services=limits.optional_flag("over_services"),
+        blind=limits.optional_flag("blind"),
+    )
+
+
+def _choice(table: SiteTable, field: str, allowed: tuple[Any, ...]) -> Any:
+    """Return a text that is one of several; None if it is left out."""
+    value = table.optional_text(field)
+    if value is not None and value not in allowed:
+        table.fail(field, UnknownName(field, value, allowed))
+    return value

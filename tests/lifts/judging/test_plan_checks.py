@@ -1,0 +1,414 @@
+"""What a lift plan adds to a judgement, by hand numbers: slings, heights, ground, wind, category,
+positions and steps; and that what nobody entered is an empty field and no tick.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+from dataclasses import replace
+from functools import cache
+from html import unescape
+
+import numpy as np
+import pytest
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
+
+from cranedyn.assumptions import Origin
+from cranedyn.lifts.judging.analysis import LiftAnalysis, Requirements
+from cranedyn.lifts.judging.judged_inputs import resolve_inputs
+from cranedyn.lifts.judging.judgement import Judgement, judge
+from cranedyn.lifts.judging.lift_checks import (
+    corners_pressed,
+    run_checks,
+    utilisation_below_warning,
+    wind_borne,
+)
+from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
+from cranedyn.lifts.judging.plan_checks import (
+    centre_between_lifting_points,
+    corner_range,
+    ground_bears,
+    gust_below_all_limits,
+    headroom,
+    not_checked,
+    plan_checks,
+    rope_above_hook_block,
+    sling_force,
+    slings_bear,
+    spreader_bears,
+)
+from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
+from cranedyn.lifts.judging.sequence import lift_steps
+from cranedyn.lifts.planning.clearance import Nearest
+from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT, drag_area
+from cranedyn.lifts.planning.plan_details import (
+    CraneDocuments,
+    GroundDetails,
+    Job,
+    LoadDetails,
+    People,
+    PlanDetails,
+    SiteLimits,
+    Slings,
+    Spreader,
+    WeightSource,
+)
+from cranedyn.lifts.planning.site_file import read_site
+from tests.lifts.judging.test_judgement import small
+from tests.lifts.planning.sites import certificate, clearance, lift
+
+pytestmark = pytest.mark.slow
+
+POINTS = ((-0.5, -0.5, 0.5), (0.5, -0.5, 0.5), (0.5, 0.5, 0.5), (-0.5, 0.5, 0.5))
+"""Lifting points on the top of the load, which is a cube of 1 m."""
+
+
+@cache
+def bare() -> LiftAnalysis:
+    """The lift over a wall, whose load, hook block and slings weigh 1,000 kg."""
+    made = small()
+    site = replace(made.site, rigging={"hook": 100.0, "slings": 30.0})
+    return replace(made, site=site)
+
+
+def planned(**details: object) -> LiftAnalysis:
+    """The lift with details of its plan."""
+    site = replace(bare().site, details=PlanDetails(**details))  # type: ignore[arg-type]
+    return replace(bare(), site=site)
+
+
+def pulling(analysis: LiftAnalysis, weights: float) -> LiftAnalysis:
+    """The lift as if the rope pulled with some times the weight of all that hangs."""
+    pull = np.full_like(analysis.loads.t, weights * 1000.0 * analysis.crane.gravity)
+    values = {**analysis.loads.values, "rope_N": pull}
+    return replace(analysis, loads=replace(analysis.loads, values=values))
+
+
+def test_a_leg_carries_half_of_what_hangs_in_the_slings_over_the_cosine_of_its_angle() -> None:
+    """1.3 for the tolerance, 1.1 for dynamics, 900 kg without the hook block: at 60° a leg of four
+    carries 900 · 1.43 · ½ / cos 60° = 1,287 kg.
+    """
+    slings = Slings(number=4, angle=math.radians(60.0), limit=1300.0)
+    found = pulling(planned(slings=slings), 1.1)
+    leg = sling_force(found)
+    assert leg is not None
+    assert leg.force / found.crane.gravity == pytest.approx(1287.0)
+    assert leg.utilisation == pytest.approx(1287.0 / 1300.0)
+    check = slings_bear(found)
+    assert check is not None and check.holds is True
+    assert "pulls with 1.29 t at most, 99 % of its working load limit of 1.30 t" in check.sentence
+    for changes in ({"limit": 1286.0}, {"angle": math.radians(61.0), "limit": 5000.0}):
+        refused = slings_bear(pulling(planned(slings=replace(slings, **changes)), 1.1))
+        assert refused is not None and refused.holds is False
+
+
+def test_dynamics_of_the_simulated_lift_are_in_the_force_of_a_leg() -> None:
+    """The hoist accelerates by up to 0.4 m/s², 4 % of gravity."""
+    found = planned(slings=Slings(number=1, limit=1e4))
+    leg = sling_force(found)
+    assert leg is not None
+    static = 1.3 * 900.0 * found.crane.gravity
+    assert static < leg.force < (1.005 + 0.4 / 9.80665) * static
+
+
+def test_an_eccentric_load_is_on_the_leg_that_it_is_nearest_to() -> None:
+    """A quarter of a metre aside both ways, of points half a metre aside, is three quarters on one
+    leg and a quarter on the opposite one.
+    """
+    load = LoadDetails(centre=(0.25, 0.25, 0.0), lifting_points=POINTS)
+    slings = Slings(number=4, angle=0.0, limit=1e4)
+    leg = sling_force(pulling(planned(slings=slings, load=load), 1.0))
+    assert leg is not None and leg.share == pytest.approx(0.75)
+
+
+@pytest.mark.parametrize(
+    ("slings", "missing"),
+    [
+        (Slings(number=2, angle=0.5), "limit"),
+        (Slings(limit=1e3, angle=0.5), "number"),
+        (Slings(number=2, limit=1e3), "angle, or length beside"),
+    ],
+)
+def test_slings_of_which_a_part_is_entered_are_not_judged(slings: Slings, missing: str) -> None:
+    check = slings_bear(planned(slings=slings))
+    assert check is not None and check.holds is None and missing in check.sentence
+
+
+def test_a_spreader_carries_load_and_slings() -> None:
+    for limit, holds in ((1171.0, True), (1169.0, False), (None, None)):
+        found = pulling(planned(spreader=Spreader(limit=limit)), 1.0)
+        check = spreader_bears(found)
+        assert check is not None and check.holds is holds  # 1.3 · 900 kg
+
+
+@pytest.mark.parametrize(
+    ("centre", "holds", "words"),
+    [
+        ((0.0, 0.0, 0.0), True, "one may carry 50 % of the weight; with all legs of one length"),
+        ((0.6, 0.0, 0.0), False, "outside of the lifting points in plan"),
+        ((0.0, 0.0, 0.7), None, "0.20 m above a lifting point"),
+    ],
+)
+def test_a_centre_of_gravity_is_between_its_lifting_points_and_below_them(
+    centre: tuple[float, float, float], holds: bool | None, words: str
+) -> None:
+    load = LoadDetails(centre=centre, lifting_points=POINTS)
+    check = centre_between_lifting_points(planned(load=load, slings=Slings(number=4, length=2.0)))
+    assert check is not None and check.holds is holds and words in check.sentence
+
+
+def test_the_hook_stays_below_its_largest_height_and_the_block_below_the_jib() -> None:
+    """The cable ends in the middle of the load, 28 m below the pivot less its length. The load is
+    0.5 m high from there, the slings √(4 - 0.5) m: legs of 2 m to points 1/√2 m aside.
+    """
+    shortest = float(certificate().run.q[:, 4].min())
+    rigging = math.sqrt(3.5)
+    hook = 28.0 - shortest + 0.5 + rigging
+    load = LoadDetails(lifting_points=POINTS)
+    slings = Slings(number=4, length=2.0)
+    for height, holds in ((hook + 0.51, True), (hook + 0.49, False)):
+        crane = CraneDocuments(height_under_hook=height)
+        check = headroom(planned(load=load, slings=slings, crane=crane))
+        assert check is not None and check.holds is holds  # the cable may be wrong by 0.5 m
+        assert f"rises to {hook:.2f} m above the foot" in check.sentence
+    unknown = headroom(planned(crane=CraneDocuments(height_under_hook=30.0)))
+    assert unknown is not None and unknown.holds is None
+
+    left = shortest - 0.5 - rigging
+    for block, holds in ((left - 0.51, True), (left - 0.49, False)):
+        check = rope_above_hook_block(planned(load=load, slings=slings, hook_block_height=block))
+        assert check is not None and check.holds is holds
+    unknown = rope_above_hook_block(planned(hook_block_height=1.0))
+    assert unknown is not None and unknown.holds is None
+
+
+def test_the_ground_bears_the_largest_corner_force_on_the_area_of_a_mat() -> None:
+    forces = corner_range(bare())
+    assert forces is not None
+    pressure = forces.largest / 3.0
+    for permitted, holds in ((1.001 * pressure, True), (0.999 * pressure, False)):
+        ground = GroundDetails(permitted, None, 2.0, 1.5)
+        check = ground_bears(planned(ground=ground))
+        assert check is not None and check.holds is holds
+        assert f"{pressure / 1e3:.0f} kPa at most" in check.sentence
+    no_mat = ground_bears(planned(ground=GroundDetails(permitted_pressure=1e5)))
+    assert no_mat is not None and no_mat.holds is None and "[ground] lacks mat" in no_mat.sentence
+    no_base = planned(ground=GroundDetails(1e9, None, 2.0, 1.5))
+    no_base = replace(no_base, site=replace(no_base.site, base=None))
+    unknown = ground_bears(no_base)
+    assert unknown is not None and unknown.holds is None
+
+
+def test_a_permitted_pressure_takes_the_place_of_a_permitted_force() -> None:
+    made = planned(ground=GroundDetails(1e9, None, 2.0, 2.0))
+    assert made.site.base is not None
+    made = replace(made, site=replace(made.site, base=replace(made.site.base, permitted=None)))
+    corners = corners_pressed(made)
+    assert corners.holds is True and "judged by its pressure" in corners.sentence
+
+
+def test_the_least_limit_of_the_wind_counts() -> None:
+    """The lift is simulated in gusts up to 8 m/s and must be possible in 8 m/s."""
+    for maker, site, holds, whose in (
+        (20.0, 12.0, True, "this load, by its area, 8 m/s (29 km/h)"),
+        (7.0, 12.0, False, "the maker of the crane, 7 m/s (25 km/h)"),
+        (20.0, 7.5, False, "the site, 7.5 m/s (27 km/h)"),
+    ):
+        found = planned(crane=CraneDocuments(wind_limit=maker), limits=SiteLimits(wind=site))
+        check = gust_below_all_limits(found)
+        assert check is not None and check.holds is holds and whose in check.sentence
+        rows = wind_bounds_table(found).rows
+        assert [row[1] for row in rows] == sorted([maker, site, 8.0])
+        assert str(rows[0][0]).endswith("the least that is known")
+
+
+def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
+    wind = bare().wind
+    assert wind is not None
+    strong = replace(
+        wind,
+        worst={**wind.worst, "clearance": np.array([2.0, 0.1])},
+        nearest=Nearest(0.1, "load", "wall"),
+    )
+    blown = replace(bare(), wind=strong)
+    check = wind_borne(blown)
+    assert check.sentence.endswith("The first limit is clearance, between load and wall.")
+    rows = wind_bounds_table(blown).rows
+    assert str(rows[0][0]).startswith("this load, by its area (clearance between load and wall)")
+
+
+def test_a_site_may_allow_less_of_the_chart_than_a_limiter() -> None:
+    made = bare()
+    assert made.utilisation is not None
+    used = 0.7 * made.utilisation / made.utilisation.max()
+    for share, holds in ((0.71, True), (0.69, False)):
+        found = replace(planned(limits=SiteLimits(chart_share=share)), utilisation=used)
+        check = utilisation_below_warning(found)
+        assert check.holds is holds and f"{100 * share:g} % allowed on this site" in check.sentence
+
+
+def test_pick_up_and_set_down_have_the_rated_load_of_the_chart_at_their_radius() -> None:
+    """Both ends are at (6, ∓12) m, √180 m from the slew axis, where the chart rates 2.5 t."""
+    pick_up, farthest, set_down = lift_positions(bare())
+    for position in (pick_up, set_down):
+        assert position.radius == pytest.approx(math.sqrt(180.0), abs=0.02)
+        assert position.rated == pytest.approx(2500.0)
+        assert position.gross == pytest.approx(1000.0)
+        assert position.share == pytest.approx(0.4)
+    np.testing.assert_allclose(pick_up.place, [6.0, -12.0, 4.0], atol=0.02)
+    np.testing.assert_allclose(set_down.place, [6.0, 12.0, 4.0], atol=0.02)
+    assert pick_up.t <= farthest.t <= set_down.t
+    assert farthest.radius is not None and set_down.radius is not None
+    assert farthest.radius >= set_down.radius
+    unknown = replace(bare(), utilisation=None)
+    assert [row[3] for row in positions_table(unknown).rows] == [None, None, None]
+
+
+def of_share(share: float, **limits: bool) -> LiftAnalysis:
+    """The lift with a chart of which its gross load is a share, and what the site says of it."""
+    made = planned(limits=SiteLimits(**limits))
+    rated = 1000.0 / share
+    return replace(made, utilisation=made.loads["pull_N"] / (made.crane.gravity * rated))
+
+
+CLEAR = {"over_people": False, "over_services": False, "blind": False}
+
+
+@pytest.mark.parametrize(
+    ("share", "said", "category"),
+    [
+        (0.74, CLEAR, "routine"),
+        (0.76, CLEAR, "intermediate"),
+        (0.81, CLEAR, "complex"),
+        (0.91, CLEAR, "critical"),
+        (0.40, {**CLEAR, "blind": True}, "complex"),
+        (0.40, {**CLEAR, "over_services": True}, "complex"),
+        (0.40, {**CLEAR, "over_people": True}, "critical"),
+        (0.40, {"over_people": False, "blind": False}, "at least routine"),
+        (0.40, {}, "at least routine"),
+        (0.91, {}, "critical"),
+    ],
+)
+def test_the_category_is_the_highest_that_a_rule_gives(
+    share: float, said: dict[str, bool], category: str
+) -> None:
+    found = lift_category(of_share(share, **said))
+    assert found.text == category
+    assert len(found.not_entered) == 3 - len(said)
+    assert found.rules
+
+
+def test_without_a_chart_the_category_is_at_least_what_the_other_rules_give() -> None:
+    made = replace(bare(), utilisation=None)
+    assert lift_category(made).text == "not judged"
+    blind = replace(
+        made, site=replace(made.site, details=PlanDetails(limits=SiteLimits(blind=True)))
+    )
+    assert lift_category(blind).text == "at least complex"
+
+
+def test_steps_follow_each_other_from_the_start_to_the_goal_and_say_what_the_drives_do() -> None:
+    """From (6, -12) to (6, 12) beyond +X the jib turns by 2 atan(12/6) = 127° to the left, and what
+    is hoisted over the wall is lowered behind it.
+    """
+    steps = lift_steps(bare())
+    assert [step.number for step in steps] == list(range(1, len(steps) + 1))
+    assert steps[0].begins == 0.0
+    assert steps[-1].ends == pytest.approx(lift().timed.motion.arrival, abs=0.03)
+    for before, after in itertools.pairwise(steps):
+        assert before.ends == after.begins
+    actions = " ".join(step.action for step in steps)
+    turned = [float(angle) for angle in re.findall(r"slew (\d+)° to the left", actions)]
+    assert "to the right" not in actions
+    assert sum(turned) == pytest.approx(2.0 * math.degrees(math.atan(2.0)), abs=len(turned))
+    raised = sum(float(way) for way in re.findall(r"hoist ([\d.]+) m", actions))
+    lowered = sum(float(way) for way in re.findall(r"lower ([\d.]+) m", actions))
+    assert raised > 3.0 and raised == pytest.approx(lowered, abs=0.1 * len(steps))
+    np.testing.assert_allclose(steps[-1].place, [6.0, 12.0, 4.0], atol=0.01)
+    # 4.8 °/s are the limit of the slew.
+    rates = [float(rate) for step in steps for rate in re.findall(r"slew ([\d.]+) °", step.speeds)]
+    assert 1.0 < max(rates) <= 4.85
+
+
+def test_who_speaks_is_entered_or_a_line_to_be_filled_in() -> None:
+    people = People(signaller="B. Nemo", communication="radio 4")
+    assert {row[-1] for row in sequence_table(planned(people=people)).rows} == {"B. Nemo"}
+    assert {row[-1] for row in sequence_table(bare()).rows} == {"____________"}
+
+
+@pytest.mark.parametrize(
+    ("source", "entered", "tolerance", "origin"),
+    [
+        ("weighed", {}, 0.03, Origin.COMPUTED),
+        ("drawing", {}, 0.10, Origin.COMPUTED),
+        ("estimated", {}, 0.25, Origin.COMPUTED),
+        ("weighed", {"load": 0.2}, 0.2, Origin.ENTERED),
+        (None, {}, 0.25, Origin.DEFAULT),
+    ],
+)
+def test_the_tolerance_of_the_mass_follows_from_how_it_is_known(
+    source: WeightSource | None, entered: dict[str, float], tolerance: float, origin: Origin
+) -> None:
+    details = PlanDetails(load=LoadDetails(source=source))
+    site = replace(bare().site, details=details, spread=entered)
+    inputs = resolve_inputs(site, bare().crane, lift().limits, Requirements())
+    assert inputs.spread.load == tolerance
+    (assumption,) = [a for a in inputs.assumptions if a.name == "tolerance of the load's mass"]
+    assert assumption.origin is origin
+
+
+def test_the_wind_acts_on_the_area_and_drag_that_are_entered() -> None:
+    """The largest section of a cube of 1 m is √2 m²."""
+    asked = clearance()
+    for load, expected in (
+        (LoadDetails(), DRAG_COEFFICIENT * math.sqrt(2.0)),
+        (LoadDetails(area=3.0), 3.0 * DRAG_COEFFICIENT),
+        (LoadDetails(drag=2.0), 2.0 * math.sqrt(2.0)),
+        (LoadDetails(area=3.0, drag=0.5), 1.5),
+    ):
+        site = replace(asked.site, details=PlanDetails(load=load))
+        assert drag_area(replace(asked, site=site)) == pytest.approx(expected)
+
+
+def test_what_nobody_entered_is_no_check_and_said_beside_the_checks() -> None:
+    assert plan_checks(bare()) == []
+    missing = not_checked(bare())
+    assert len(missing) == 6
+    for words in ("slings", "lifting_points", "height_under_hook", "permitted_pressure"):
+        assert any(words in sentence for sentence in missing)
+
+
+def test_missing_names_never_change_the_verdict_and_are_lines_to_be_filled_in(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Judgement, "figures", {})
+    named = planned(job=Job(site="yard", number="7"), people=People(prepared="A. Nybody"))
+    pages = []
+    for analysis in (bare(), named):
+        judgement = Judgement(analysis, run_checks(analysis))
+        assert judgement.go
+        pages.append(unescape(judgement.html()))
+    without, with_names = pages
+    empty = '<span class="blank" title="not entered"></span>'
+    assert without.count(empty) == with_names.count(empty) + 3
+    assert "<dt>Lift number</dt><dd>7</dd>" in with_names
+    assert f"<dt>Lift number</dt><dd>{empty}</dd>" in without
+    assert "A. Nybody" in with_names
+    # An empty field has no sign of a check.
+    assert not re.search(r"✔[^<]*<[^>]*blank", without)
+    for sentence in not_checked(bare()):
+        assert f"<li>{sentence}</li>" in without
+
+
+@pytest.mark.long
+def test_the_example_of_a_lift_plan_is_a_go_and_leaves_only_dates_and_signatures_empty() -> None:
+    judgement = judge(read_site("signed_lift"), requirements=Requirements(lifts=400, gusts=2))
+    assert judgement.go, judgement.reasons
+    page = judgement.html()
+    # Seven people sign, each with a date.
+    assert page.count('class="blank"') == 14
+    assert "Category: routine." in page and "Not checked here" not in page
