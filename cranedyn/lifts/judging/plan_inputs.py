@@ -19,7 +19,7 @@ from cranedyn.data.files import MOST_TEXT, open_file, parse_toml, read_bytes
 from cranedyn.errors import DataError, printable
 from cranedyn.lifts.judging.chart import CHARTS
 from cranedyn.lifts.judging.plan_record import PlanFile, PlanInputs, digest_of
-from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, EXAMPLES, SITES, example_path
+from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, SITE_EXAMPLES, SITES, example_path
 from cranedyn.model.crane import Crane
 
 MAX_NAMED_TEXT = 200_000
@@ -56,7 +56,7 @@ def collect_files(
         DataError: If one of them cannot be read.
         UnknownName: If there is no example of that name.
     """
-    site_path = example_path(site, SITES, EXAMPLES, "site")
+    site_path = example_path(site, SITES, SITE_EXAMPLES, "site")
     site_file = _whole_file("site", site_path, site_path.name)
     files = [site_file]
     if chart is not None:

@@ -21,7 +21,7 @@ from cranedyn.lifts.judging.plan_record import (
     write_plan_record,
 )
 from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
-from cranedyn.lifts.planning.site_file import EXAMPLES, SITES, example_path
+from cranedyn.lifts.planning.site_file import SITE_EXAMPLES, SITES, example_path
 
 PACKAGES = ("cranedyn", "pin", "numpy", "scipy", "toppra")
 """Packages whose versions a record names: those that plan and simulate a lift."""
@@ -55,7 +55,7 @@ class PlanSource:
             DataError: If one of them cannot be read.
             UnknownName: If there is no example of that name.
         """
-        folder = example_path(site, SITES, EXAMPLES, "site").parent
+        folder = example_path(site, SITES, SITE_EXAMPLES, "site").parent
         return cls(options, collect_files(site, chart, crane), folder)
 
     def inputs(self, judgement: Judgement) -> PlanInputs:

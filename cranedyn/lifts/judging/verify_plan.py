@@ -33,7 +33,7 @@ from cranedyn.lifts.judging.plan_record import (
     read_plan_record,
 )
 from cranedyn.lifts.judging.plan_writing import PlanSource
-from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, EXAMPLES, SITES, example_path
+from cranedyn.lifts.planning.site_file import CHART_EXAMPLES, SITE_EXAMPLES, SITES, example_path
 from cranedyn.verdict import Check
 
 MAX_CHANGES = 20
@@ -164,7 +164,7 @@ def _find_on_disk(record: PlanRecord, folder: Path, named: NamedFiles) -> _OnDis
         missing.append(f"{quoted(recorded)} does not lie beside the plan; name it by --{role}")
         return None
 
-    site = find("site", named.site, options.site, EXAMPLES)
+    site = find("site", named.site, options.site, SITE_EXAMPLES)
     chart = find("chart", named.chart, options.chart, CHART_EXAMPLES)
     crane = find("crane", named.crane, options.crane, ())
     return _OnDisk(site, chart, crane, tuple(missing))
@@ -308,7 +308,7 @@ def _same_file(file: PlanFile, disk: _OnDisk) -> Path | None:
     """
     if disk.site is None:
         return None
-    base = Path(os.path.realpath(example_path(disk.site, SITES, EXAMPLES, "site").parent))
+    base = Path(os.path.realpath(example_path(disk.site, SITES, SITE_EXAMPLES, "site").parent))
     path = Path(os.path.realpath(base / file.path))
     if not path.is_relative_to(base) or not path.is_file():
         return None

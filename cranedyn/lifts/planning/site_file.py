@@ -68,6 +68,9 @@ PLAN_EXAMPLES = ("signed_lift",)
 """Names of the example sites with every field of a lift plan; the experiment `lift` does not plan
 their lifts, which would be those of `EXAMPLES` again."""
 
+SITE_EXAMPLES = (*EXAMPLES, *PLAN_EXAMPLES)
+"""Names of all sites that come with the package."""
+
 CHART_EXAMPLES = ("laboratory", "mct88")
 """Names of the example charts: of this project's crane, and points of a maker's sheet."""
 
@@ -84,7 +87,7 @@ def read_site(path: str | Path) -> Site:
             obstacles have one name.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, (*EXAMPLES, *PLAN_EXAMPLES), "site")
+    path = example_path(path, SITES, SITE_EXAMPLES, "site")
     top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
     tables = _tables(top, lines)
     ground = tables["ground"].number("height")
