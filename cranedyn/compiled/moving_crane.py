@@ -66,10 +66,13 @@ class CompiledCrane:
         self.force = np.zeros((2, size(self.sizes.force)))
         # Code bound to the memory: for a control period, and for its first instant alone.
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
-        self.base = None if spec.base is None else BaseSamples(spec)
-        # The code runs the second of two instants, see `prepare`; no number of the period before is
-        # read.
-        self._root = np.zeros((2 * SAMPLES_PER_STEP * spec.clocks.steps + 1, ROOT_NUMBERS))
+        self.base: BaseSamples | None = None
+        self._root: np.ndarray | None = None
+        if spec.base is not None:
+            self.base = BaseSamples(spec)
+            # The code runs the second of two instants, see `prepare`; no number of the period
+            # before is read.
+            self._root = np.zeros((2 * SAMPLES_PER_STEP * spec.clocks.steps + 1, ROOT_NUMBERS))
         self._create_views()
         self.reset(spec.start)
 
@@ -113,7 +116,7 @@ class CompiledCrane:
         """
         period, _ = self.prepare()
         self._set(command, force)
-        if self.base is not None:
+        if self.base is not None and self._root is not None:
             first_row = SAMPLES_PER_STEP * self.spec.clocks.steps
             self._root[first_row:] = self.base.of_period(self.instant)
         period()
@@ -124,7 +127,7 @@ class CompiledCrane:
         """Hold a command and external forces, and compute what acts, without moving on."""
         _, instant = self.prepare()
         self._set(command, force)
-        if self.base is not None:
+        if self.base is not None and self._root is not None:
             first_row = SAMPLES_PER_STEP * self.spec.clocks.steps
             self._root[first_row] = self.base.of_instant(self.instant)
         instant()

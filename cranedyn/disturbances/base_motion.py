@@ -103,7 +103,7 @@ class BaseMotion(ShortRepr):
     Make one by `from_table`, `from_file`, `sines` or `from_waves`, or with a function of your own.
 
     Attributes:
-        function: From times [s], shape (k,), to the coordinates with rates and accelerations, a
+        law: From times [s], shape (k,), to the coordinates with rates and accelerations, a
             `BaseCoordinates` or three arrays of shape (k, 6). It must be able to take all times
             from `first` to `last`.
         first: Earliest time for which the motion is known [s].
@@ -111,7 +111,7 @@ class BaseMotion(ShortRepr):
         source: Where it comes from, in words, for the record of a run.
     """
 
-    function: Callable[[np.ndarray], BaseCoordinates]
+    law: Callable[[np.ndarray], BaseCoordinates]
     first: float = -math.inf
     last: float = math.inf
     source: str = "a function"
@@ -234,7 +234,7 @@ class BaseMotion(ShortRepr):
         self._check_covers(times)
         inside = np.clip(times, self.first, self.last)
         try:
-            answer = self.function(inside)
+            answer = self.law(inside)
             position, velocity, acceleration = answer
         except CraneError:
             raise

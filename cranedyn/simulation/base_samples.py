@@ -10,12 +10,18 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.dynamics.root_motion import SAMPLES_PER_STEP
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.simulation.run_spec import RunSpec
 
 _PERIODS_AT_ONCE = 100
 """Control periods whose samples are computed together: one call of the function of a base costs as
 much as that of some dozen times."""
+
+_MAX_STEPS_AT_ONCE = 10_000
+"""Physics steps of these periods together at most, unless one period has more."""
+
+_MAX_STEPS_PER_PERIOD = 10_000_000
+"""Physics steps of a control period at most: their samples take 1.4 GB."""
 
 
 class BaseSamples:
@@ -26,8 +32,16 @@ class BaseSamples:
 
         Args:
             spec: A run with a base.
+
+        Raises:
+            OutOfRange: If the samples of one control period would take too much memory.
         """
         assert spec.base is not None
+        steps = spec.clocks.steps
+        if steps > _MAX_STEPS_PER_PERIOD:
+            allowed = f"{_MAX_STEPS_PER_PERIOD} or less on a base that moves"
+            raise OutOfRange("physics steps in a control period", steps, allowed)
+        self._periods_at_once = max(1, min(_PERIODS_AT_ONCE, _MAX_STEPS_AT_ONCE // steps))
         self._base = spec.base
         self._spec = spec
         self._gravity = spec.crane.model.gravity.linear.copy()
@@ -61,10 +75,9 @@ class BaseSamples:
         """
         place = instant - self._first_kept
         if not 0 <= place < self._kept_periods:
-            ahead = _PERIODS_AT_ONCE
             # The motion may be known no longer than the run lasts, and a stepper has no end.
             remaining = (self._base.last - self._spec.time(instant)) / self._spec.clocks.period
-            self._read(instant, max(1, int(min(ahead, remaining))))
+            self._read(instant, max(1, int(min(self._periods_at_once, remaining))))
             place = 0
         rows_per_period = SAMPLES_PER_STEP * self._spec.clocks.steps
         first_row = place * rows_per_period
