@@ -938,10 +938,20 @@ class _Watch:
         capsules of all cranes.
         """
         if pair.is_of_cranes:
+            first_compared, second_compared = self._compared(pair)
             first = self._capsules(pair.first, ends[pair.first])
             second = self._capsules(pair.second, ends[pair.second])
-            return least_distances(first, second)
+            return least_distances(
+                _of_capsules(first, first_compared), _of_capsules(second, second_compared)
+            )
         return np.array([self._gaps(pair, row).min() for row in zip(*ends, strict=True)])
+
+    def _compared(self, pair: _Pair) -> tuple[np.ndarray, np.ndarray]:
+        """Return which capsules of both cranes of a pair are compared with each other."""
+        return (
+            self._site.compared_capsules(pair.first, pair.second),
+            self._site.compared_capsules(pair.second, pair.first),
+        )
 
     def _capsules(self, i: int, ends: np.ndarray) -> PlacedCapsules:
         """Return the capsules of a crane with their ends at points."""
@@ -957,8 +967,14 @@ class _Watch:
         if pair.is_of_cranes:
             first = self._capsules(pair.first, ends[pair.first])
             second = self._capsules(pair.second, ends[pair.second])
-            rows, columns = np.indices((len(first.ends), len(second.ends))).reshape(2, -1)
-            return least_distances(_selected(first, rows), _selected(second, columns))
+            first_compared, second_compared = self._compared(pair)
+            rows, columns = np.meshgrid(first_compared, second_compared, indexing="ij")
+            # What is not compared counts as infinitely far.
+            gaps_of_pair = np.full((len(first.ends), len(second.ends)), math.inf)
+            gaps_of_pair[rows, columns] = least_distances(
+                _selected(first, rows.ravel()), _selected(second, columns.ravel())
+            ).reshape(rows.shape)
+            return gaps_of_pair.ravel()
         bodies = self._site.stations[pair.first].bodies
         radii = bodies.radius.tolist()
         hangs = bodies.hangs.tolist()
@@ -1022,6 +1038,11 @@ class _Watch:
         radius = float(first.bodies.radius[k])
         obstacle = self._site.obstacles.nearest(ends[k], radius, zones=pair.second == _ZONES)
         return SiteContact(t, first.name, obstacle, first.bodies.names[k], "")
+
+
+def _of_capsules(placed: PlacedCapsules, which: np.ndarray) -> PlacedCapsules:
+    """Return some of the capsules in each row of groups of them."""
+    return replace(placed, ends=placed.ends[:, which], radius=placed.radius[:, which])
 
 
 def _selected(capsules: PlacedCapsules, rows: np.ndarray) -> PlacedCapsules:
