@@ -11,6 +11,7 @@ import numpy as np
 from cranedyn.checks import check_choice, finite, number
 from cranedyn.dynamics.converters import DELAY, LAGS, ROUNDING, converters
 from cranedyn.dynamics.scalars import magnitude, square_root
+from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 
 BrakesName = Literal["converters", "gears"]

@@ -304,9 +304,9 @@ class CraneSite:
 
         Raises:
             DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
-                than the required distance, cranes on one runway do not stand as one runway does, or a part of a crane, its rope or its load is in an
-                obstacle at the start; or if two lifts have one name, or lifts wait for each other
-                in a circle.
+                than the required distance, cranes on one runway do not stand as one runway does, or
+                a part of a crane, its rope or its load is in an obstacle at the start; or if two
+                lifts have one name, or lifts wait for each other in a circle.
             OutOfRange: If the distance is not positive, the swing not from 0.001 to 0.5, or the
                 hooking time is negative.
             UnknownName: If a lift names a crane or a lift that there is not.
@@ -537,9 +537,15 @@ class CraneSite:
                 f"{name} travels on the runway of {other_name}, but stands elsewhere: give both "
                 "the same position and heading."
             )
-        capsules = [_standing_capsules(crane.bodies) for crane in (station, owner)]
-        is_same = capsules[0].ends.shape == capsules[1].ends.shape and np.allclose(
-            capsules[0].ends, capsules[1].ends, rtol=0.0, atol=_SAME_PLACE
+        # Rails, columns, and where the first drive stands at zero and which way it goes.
+        numbers = []
+        for bodies in (station.bodies, owner.bodies):
+            standing = _standing_capsules(bodies)
+            direction = bodies.rotation[0] @ bodies.axis[0]
+            fields = [standing.ends.ravel(), standing.radius, bodies.translation[0], direction]
+            numbers.append(np.concatenate(fields))
+        is_same = numbers[0].shape == numbers[1].shape and np.allclose(
+            numbers[0], numbers[1], rtol=0.0, atol=_SAME_PLACE
         )
         if not is_same:
             raise DataError(

@@ -367,7 +367,7 @@ class SiteRun:
                 f"\n**Waiting:** {wait.words}, {wait.duration:.1f} s from {wait.begin:.1f} s on."
             )
         if self.boxes:
-            lines.append("\nSectors beside jibs are what is reserved for their cranes.")
+            lines.append("\nSectors beside jibs, and areas around bridges, are what is reserved.")
         return "\n".join(lines)
 
 
