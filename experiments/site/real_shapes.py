@@ -63,9 +63,7 @@ class _ShapesOfCrane:
                 placed = coal.CollisionObject(shape.geometry)
                 self._shapes.append((placed, int(shape.parentJoint), shape.placement))
 
-    def placed(
-        self, q: np.ndarray, *, with_standing: bool
-    ) -> coal.DynamicAABBTreeCollisionManager:
+    def placed(self, q: np.ndarray, *, with_standing: bool) -> coal.DynamicAABBTreeCollisionManager:
         """Return shapes at coordinates, shape (n,), in the frame of the site: all, or those that
         move.
         """

@@ -219,8 +219,11 @@ def _station(entry: SiteTable, ground: float, above: Sequence[Station]) -> Stati
         # Where its runway is, unless the table says so again.
         owners = {station.name: station for station in above}
         if runway not in owners:
-            advice = "Enter the crane on whose runway it travels above it."
-            entry.fail("runway", UnknownName("crane above it", runway, list(owners), advice))
+            known = f"there are {', '.join(owners)}" if owners else "there is none"
+            entry.fail(
+                "runway",
+                f"{quoted(runway)} is no crane that stands above this one in the file; {known}.",
+            )
         place = owners[runway].foot.tolist()
         heading = owners[runway].heading
     foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", place))

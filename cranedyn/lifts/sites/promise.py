@@ -90,7 +90,7 @@ def _per_drive(station: Station, values: np.ndarray, per: str) -> str:
     for joint, value in zip(station.crane.layout.driven, values, strict=True):
         turns = joint.unit == "rad"
         shown = math.degrees(value) if turns else value
-        texts.append(f"{joint.role or joint.name} {shown:.3g} {'°' if turns else 'm'}{per}")
+        texts.append(f"{joint.role or joint.symbol} {shown:.3g} {'°' if turns else 'm'}{per}")
     return ", ".join(texts)
 
 

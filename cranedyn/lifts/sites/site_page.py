@@ -137,7 +137,7 @@ def _travel_table(run: SiteRun, lost: list[np.ndarray]) -> Table:
         passed = CYCLE * np.abs(np.nan_to_num(run.passed[i]) / rates).sum(axis=0)
         for drive, joint in enumerate(station.crane.layout.driven):
             times = [commanded[drive], passed[drive], lost[i][-1, drive]]
-            rows.append([station.name, joint.role or joint.name, *times])
+            rows.append([station.name, joint.role or joint.symbol, *times])
     columns = [("crane", ""), ("drive", "")]
     columns += [("commanded [s]", ".1f"), ("passed on [s]", ".1f"), ("lost [s]", ".1f")]
     return Table("Travel of drives at full rate", columns, rows)

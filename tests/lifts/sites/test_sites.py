@@ -66,7 +66,7 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 
 @slow
 # A luffing crane stands between two of the towers.
-@pytest.mark.parametrize("name", long_after(1, ["luffing_between", "two_towers"]))
+@pytest.mark.parametrize("name", long_after(2, ["luffing_between", "two_bridges", "two_towers"]))
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
     site = site_of(name)
     rng = np.random.default_rng(1)
