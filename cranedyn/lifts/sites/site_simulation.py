@@ -35,6 +35,7 @@ from cranedyn.lifts.sites.crane_site import CraneSite, SiteWind, Station
 from cranedyn.lifts.sites.distance_proof import least_distances
 from cranedyn.lifts.sites.guard import BoxGrant, BoxRequest, Guard
 from cranedyn.lifts.sites.placed_capsules import PlacedCapsules, place_crane
+from cranedyn.lifts.sites.promise import unjudged_ropes
 from cranedyn.lifts.sites.supervisor import Supervisor
 from cranedyn.lifts.sites.working_wind import CALM
 from cranedyn.recording import Obstacle, Run, Scenery, record
@@ -186,16 +187,17 @@ class SiteRun:
 
     @property
     def broken_assumptions(self) -> list[str]:
-        """What in this run was outside of what the site assumes, in words; empty if nothing was.
+        """What in this run was outside of what the promise of the site assumes, in words; empty if
+        nothing was.
 
         Contacts of such a run say nothing about what the site promises, and neither does their
         absence.
         """
+        broken = unjudged_ropes(self.site)
         limit = self.site.working_wind
         stated = f"the site states {limit.gust:g} m/s" if limit.gust else "the site states no wind"
         # True also for NaN.
         rows = np.flatnonzero(~(np.abs(self.wind_speed) <= limit.gust))
-        broken = []
         if len(rows):
             largest = float(np.abs(self.wind_speed[rows]).max())
             broken.append(
