@@ -214,7 +214,8 @@ def _plan(run: SiteRun) -> Figure:
             if not station.runway:
                 _draw_runway(ax, station)
         ax.plot(*named_at, "s", color=colour, markersize=9)
-        ax.text(*named_at, f"\u00a0\u00a0{station.name}", color=colour, va="center")
+        x, y = named_at.tolist()
+        ax.text(x, y, f"\u00a0\u00a0{station.name}", color=colour, va="center")
         for contact in run.contacts:
             body = _touching_body(contact, station.name)
             if body:
