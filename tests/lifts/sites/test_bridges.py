@@ -279,6 +279,38 @@ def test_a_crane_may_share_only_a_runway_and_that_of_its_owner() -> None:
         CraneSite("three", (west, east, third))
 
 
+@pytest.mark.parametrize(
+    ("centre", "size", "part"),
+    [
+        ([12.8, -10.0], [1.0, 1.0, 12.5], "bridge"),
+        ([20.0, 0.5], [1.0, 1.0, 2.0], "runway"),
+        # Between two columns, below the rail, there is room.
+        ([25.0, 0.5], [4.0, 1.0, 8.0], ""),
+    ],
+)
+def test_an_obstacle_at_a_bridge_or_column_is_refused_and_one_between_columns_is_not(
+    tmp_path: Path, centre: list[float], size: list[float], part: str
+) -> None:
+    text = site_text() + f'[[box]]\nname = "crate"\ncentre = {centre}\nsize = {size}\n'
+    if not part:
+        assert read(tmp_path, text).solids
+        return
+    with pytest.raises(CraneError, match=f"the {part} of west is in crate"):
+        read(tmp_path, text)
+
+
+def test_a_bridge_has_one_rated_load_wherever_its_trolley_is(tmp_path: Path) -> None:
+    chart = 'name = "c"\nsource = "s"\n[[falls]]\ncount = 4\nrated = 6300.0\n'
+    (tmp_path / "hall_crane.toml").write_text(chart, "utf-8")
+    site = read(
+        tmp_path, site_text('runway = "west"\n', 'runway = "west"\nchart = "hall_crane.toml"\n')
+    )
+    lift = lift_to("east", [48.0, -3.0, 3.0], [44.0, -17.0, 3.0])
+    assert plan_shift(site, [replace(lift, load=6300.0)]).lifts
+    (refusal,) = plan_shift(site, [replace(lift, load=6301.0)]).refusals
+    assert "load of east" in refusal and "6300" in refusal
+
+
 def test_gears_of_a_slewing_crane_are_no_brakes_of_a_bridge() -> None:
     with pytest.raises(OutOfRange, match="crane without a slew"):
         brakes(bridges().stations[0].crane, "gears")
