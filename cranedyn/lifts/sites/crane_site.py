@@ -304,9 +304,10 @@ class CraneSite:
 
         Raises:
             DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
-                than the required distance, cranes on one runway do not stand as one runway does, or
-                a part of a crane, its rope or its load is in an obstacle at the start; or if two
-                lifts have one name, or lifts wait for each other in a circle.
+                than the required distance, cranes on one runway do not stand as one runway does or
+                are too near to each other at the start, or a part of a crane, its rope or its load
+                is in an obstacle at the start; or if two lifts have one name, or lifts wait for
+                each other in a circle.
             OutOfRange: If the distance is not positive, the swing not from 0.001 to 0.5, or the
                 hooking time is negative.
             UnknownName: If a lift names a crane or a lift that there is not.
@@ -323,7 +324,9 @@ class CraneSite:
             if station.runway:
                 self._check_runway(station)
         for a, b in itertools.combinations(range(len(self.stations)), 2):
-            if not self.share_runway(a, b):
+            if self.share_runway(a, b):
+                self._check_starts_apart(a, b)
+            else:
                 self._check_tower_gap(a, b)
         # Zones are not solid: towers and jibs may be in them.
         bodies = [solid for solid in self.solids if not solid.zone]
@@ -505,6 +508,25 @@ class CraneSite:
             f"The {kind} of {quoted(first.name)} and {quoted(second.name)} are "
             f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m.{advice}"
         )
+
+    def _check_starts_apart(self, a: int, b: int) -> None:
+        """Check that two cranes on one runway are apart at the start: their order is that in which
+        they start, and stays.
+
+        Raises:
+            DataError: If they are not proven to be.
+        """
+        boxes = []
+        for station in (self.stations[a], self.stations[b]):
+            start = station.crane.start.q[station.crane.layout.drives]
+            boxes.append(np.array([start, start]))
+        if not self.pair_apart(a, boxes[0], b, boxes[1]):
+            names = [quoted(self.stations[i].name) for i in (a, b)]
+            raise DataError(
+                f"At the start {names[0]} and {names[1]}, on one runway, are not {self.distance:g} "
+                "m apart, with the load swinging; give each its own start, such as bridge_init "
+                "among the values of an overhead crane."
+            )
 
     def _check_runway(self, station: Station) -> None:
         """Check that a crane travels on the runway of another one: that both travel, stand at one

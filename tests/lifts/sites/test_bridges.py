@@ -238,6 +238,7 @@ def read(tmp_path: Path, text: str) -> CraneSite:
         ('runway = "west"\n', 'runway = "north"\n', r"line 16, .* runway: north is no crane"),
         ('runway = "west"\n', "", r"runways of west and east are 0.00 m .* enter runway = west"),
         ('runway = "west"\n', 'runway = "west"\nheading = 0.0\n', "runway: .*stands elsewhere"),
+        ("bridge_init = 48.0", "bridge_init = 14.0", "At the start west and east, on one runway,"),
         (
             "{bridge_init = 48.0,", "{span = 18.0, bridge_init = 48.0,",
             "runway: .*its rails and columns differ",
