@@ -63,11 +63,15 @@ class _ShapesOfCrane:
                 placed = coal.CollisionObject(shape.geometry)
                 self._shapes.append((placed, int(shape.parentJoint), shape.placement))
 
-    def placed(self, q: np.ndarray) -> coal.DynamicAABBTreeCollisionManager:
-        """Return all shapes at coordinates, shape (n,), in the frame of the site."""
+    def placed(self, q: np.ndarray, *, with_standing: bool) -> coal.DynamicAABBTreeCollisionManager:
+        """Return shapes at coordinates, shape (n,), in the frame of the site: all, or those that
+        move.
+        """
         pin.forwardKinematics(self._station.crane.model, self._data, q)
         manager = coal.DynamicAABBTreeCollisionManager()
         for shape, joint, placement in self._shapes:
+            if joint == 0 and not with_standing:
+                continue
             pose = self._foot * self._data.oMi[joint] * placement
             shape.setTransform(coal.Transform3s(pose.rotation, pose.translation))
             shape.computeAABB()
@@ -100,11 +104,16 @@ def real_distances(run: SiteRun) -> RealDistances:
     excess = -math.inf
     for k, (i, j) in enumerate(itertools.combinations(range(len(cranes)), 2)):
         names = stations[i].name, stations[j].name
+        # A bridge rests on the runway that it shares with another one.
+        with_standing = not run.site.share_runway(i, j)
         times = [x.t for x in run.contacts if (x.first, x.second) == names]
         first_contact = min(times, default=math.inf)
         nearest = np.argsort(run.distances[:, k], kind="stable")[:NEAREST_ROWS]
         for row in np.union1d(nearest, np.arange(0, len(run.t), INTERVAL)).tolist():
-            placed = [cranes[c].placed(run.trajectories[c].q[row]) for c in (i, j)]
+            placed = []
+            for c in (i, j):
+                q = run.trajectories[c].q[row]
+                placed.append(cranes[c].placed(q, with_standing=with_standing))
             query = coal.DistanceCallBackDefault()
             placed[0].distance(placed[1], query)
             distance = float(query.data.result.min_distance)

@@ -11,6 +11,7 @@ import numpy as np
 from cranedyn.checks import check_choice, finite, number
 from cranedyn.dynamics.converters import DELAY, LAGS, ROUNDING, converters
 from cranedyn.dynamics.scalars import magnitude, square_root
+from cranedyn.errors import OutOfRange
 from cranedyn.model.crane import Crane
 
 BrakesName = Literal["converters", "gears"]
@@ -104,14 +105,18 @@ def brakes(crane: Crane, name: BrakesName = "converters", *, reaction: float = R
         reaction: Reaction time of the crane [s]; that of "gears" comes on top.
 
     Raises:
-        OutOfRange: If the name is another, or the reaction time not positive.
+        OutOfRange: If the name is another, the reaction time is not positive, or gears are asked
+            for of a crane that does not slew.
     """
     check_choice("brakes", name, BrakesName)
     decelerations = _BRAKING_SHARE * converters(crane).accelerations
     slew = crane.layout.drive_of("slew")
     if name == "gears":
+        if slew is None:
+            allowed = "converters, or numbers of your own, since gears are those of a slewing crane"
+            raise OutOfRange("brakes of a crane without a slew", name, allowed)
         reaction += GEARS_DELAY
-        share = 1.0 if slew is None else min(GEARS) / decelerations[slew]
+        share = min(GEARS) / decelerations[slew]
         decelerations = decelerations * min(share, 1.0)
     tolerances = [_TOLERANCES[joint.unit] for joint in crane.layout.driven]
     return Brakes(reaction, decelerations, np.array(tolerances))

@@ -82,8 +82,12 @@ def nearest_bodies(
     ends_b = _placed(site, b, box_b)
     bodies_a = site.stations[a].bodies
     bodies_b = site.stations[b].bodies
-    shape = len(ends_a), len(ends_b), len(bodies_a.names), len(bodies_b.names)
-    row_a, row_b, capsule_a, capsule_b = np.indices(shape).reshape(4, -1)
+    compared_a = site.compared_capsules(a, b)
+    compared_b = site.compared_capsules(b, a)
+    shape = len(ends_a), len(ends_b), len(compared_a), len(compared_b)
+    row_a, row_b, column_a, column_b = np.indices(shape).reshape(4, -1)
+    capsule_a = compared_a[column_a]
+    capsule_b = compared_b[column_b]
     no_motion = np.zeros(0)
     gaps = least_distances(
         PlacedCapsules(ends_a[row_a, capsule_a], bodies_a.radius[capsule_a], no_motion),

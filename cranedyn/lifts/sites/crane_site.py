@@ -20,7 +20,7 @@ import numpy as np
 from cranedyn.checks import finite, number, within
 from cranedyn.disturbances.wind import Speed, wind
 from cranedyn.dynamics.converters import Converters
-from cranedyn.errors import DataError, OutOfRange, quoted
+from cranedyn.errors import DataError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import Disturbance
 from cranedyn.lifts.judging.chart import Chart
 from cranedyn.lifts.planning.solids import FARTHEST, Solid
@@ -34,6 +34,8 @@ from cranedyn.lifts.sites.placed_capsules import (
     crane_bodies,
     rope_poses,
     stacked,
+    travels,
+    without_standing,
 )
 from cranedyn.lifts.sites.start import StartPart, first_collision, parts_at_start
 from cranedyn.lifts.sites.working_wind import CALM, WorkingWind
@@ -47,6 +49,9 @@ SWING = 0.1
 
 _ARC_POINTS = 13
 """Number of points with which an arc is drawn that a jib sweeps."""
+
+_SAME_PLACE = 1e-6
+"""Largest difference of two places that count as one [m]; of unit vectors it is a number."""
 
 _ROUNDING = 1e-9
 """Rounding error of times and accelerations [s, rad/s² or m/s²]."""
@@ -73,13 +78,16 @@ class Station:
     Attributes:
         name: Its name.
         crane: The crane; its drives stand at the start where its `start` says.
-        foot: Foot of its mast in the frame of the site [m], shape (3,).
-        heading: Direction of the jib at zero slew, from X towards Y [rad].
+        foot: Foot of its mast in the frame of the site [m], shape (3,); of a crane that travels the
+            origin of its frame.
+        heading: Direction of the jib at zero slew, from X towards Y [rad]; of a crane that travels
+            the direction of -Y of its frame, in which the trolley of an overhead crane runs.
         converters: Frequency converters of its drives.
         brakes: Its brakes at their weakest.
         chart: Its load chart; None if unknown.
         entered: Which of its values somebody entered: "brakes", "reaction", "tolerances", "drives",
             "crane" (its shapes) and "load" (its mass). All others are defaults.
+        runway: Name of the crane on whose runway it travels; "" for one of its own.
     """
 
     name: str
@@ -90,6 +98,7 @@ class Station:
     brakes: Brakes
     chart: Chart | None = None
     entered: frozenset[str] = frozenset()
+    runway: str = ""
 
     def __post_init__(self) -> None:
         """Check that the foot is near enough, and that the drives brake as the brakes say.
@@ -189,10 +198,12 @@ class Station:
         return q, load
 
     def outline(self, boxes: np.ndarray) -> np.ndarray:
-        """Return the sectors in which the rope's pivot may be in boxes of the drives, as lines.
+        """Return where the rope's pivot may be in boxes of the drives, as lines.
 
-        A line goes along the inner arc of the sector, to the mast, back along the outer arc, and
-        again to the mast. Drives other than slew and trolley are in the middle of their intervals.
+        Of a crane that slews this is a sector: a line goes along the inner arc, to the mast, back
+        along the outer arc, and again to the mast. Of a crane that travels it is the area between
+        both ends of its way, with a closed line around it. Drives other than the first and the last
+        before the rope, such as slew and trolley, are in the middle of their intervals.
 
         Args:
             boxes: The boxes, shape (rows, 2, m).
@@ -200,24 +211,29 @@ class Station:
         Returns:
             Points in the frame of the crane [m], shape (rows, points, 3).
         """
-        # The first drive of the chain turns the jib, the last one moves the pivot along it.
+        # The first drive of the chain turns the jib or moves the bridge, the last one moves the
+        # pivot along it.
         columns = self.bodies.columns
-        slew = columns[0]
-        trolley = columns[max(len(columns) - 2, 0)]
+        first = columns[0]
+        last = columns[max(len(columns) - 2, 0)]
 
         # Where each drive is in its interval, from 0 to 1. The points at the mast are put there
-        # below; until then they repeat an end of the outer arc.
+        # below; until then they repeat an end of the outer arc. Of a crane that travels they stay
+        # there, and the last point closes the line.
         arc = np.linspace(0.0, 1.0, _ARC_POINTS)
         inner = np.zeros(_ARC_POINTS)
         outer = np.ones(_ARC_POINTS)
         shares = np.full((2 * _ARC_POINTS + 2, self.crane.layout.m), 0.5)
-        shares[:, slew] = np.concatenate([arc[::-1], arc[:1], arc, arc[-1:]])
-        shares[:, trolley] = np.concatenate([inner, outer[:1], outer, outer[-1:]])
+        shares[:, first] = np.concatenate([arc[::-1], arc[:1], arc, arc[-1:]])
+        shares[:, last] = np.concatenate([inner, outer[:1], outer, outer[-1:]])
         drives = boxes[:, :1] + shares * np.diff(boxes, axis=1)
 
         q, _ = self.plumb(drives.reshape(-1, self.crane.layout.m))
         points = (self.rope(q).pivot - self.foot) @ self.bodies.foot[:, :3]
         lines = points.reshape(len(boxes), -1, 3)
+        if travels(self.crane):
+            lines[:, -1] = lines[:, 0]
+            return lines
         at_mast = [_ARC_POINTS, -1]
         lines[:, at_mast, :2] = 0.0
         return lines
@@ -288,9 +304,10 @@ class CraneSite:
 
         Raises:
             DataError: If there is no crane, two cranes or pairs have one name, towers are nearer
-                than the required distance, or a part of a crane, its rope or its load is in an
-                obstacle at the start; or if two lifts have one name, or lifts wait for each other
-                in a circle.
+                than the required distance, cranes on one runway do not stand as one runway does or
+                are too near to each other at the start, or a part of a crane, its rope or its load
+                is in an obstacle at the start; or if two lifts have one name, or lifts wait for
+                each other in a circle.
             OutOfRange: If the distance is not positive, the swing not from 0.001 to 0.5, or the
                 hooking time is negative.
             UnknownName: If a lift names a crane or a lift that there is not.
@@ -303,13 +320,14 @@ class CraneSite:
             raise DataError(f"The site {quoted(self.name)} has no crane.")
         names = [station.name for station in self.stations]
         check_names(names)
+        for station in self.stations:
+            if station.runway:
+                self._check_runway(station)
         for a, b in itertools.combinations(range(len(self.stations)), 2):
-            gap = self._tower_gap(a, b)
-            if not gap >= self.distance:
-                raise DataError(
-                    f"The towers of {quoted(names[a])} and {quoted(names[b])} are "
-                    f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m."
-                )
+            if self.share_runway(a, b):
+                self._check_starts_apart(a, b)
+            else:
+                self._check_tower_gap(a, b)
         # Zones are not solid: towers and jibs may be in them.
         bodies = [solid for solid in self.solids if not solid.zone]
         for station in self.stations:
@@ -330,6 +348,29 @@ class CraneSite:
     def bodies(self) -> CraneBodies:
         """Capsules of all cranes, `stacked`."""
         return stacked([station.bodies for station in self.stations])
+
+    @cached_property
+    def moving_bodies(self) -> CraneBodies:
+        """Capsules of all cranes without those that stand still, `stacked`."""
+        return stacked([without_standing(station.bodies) for station in self.stations])
+
+    def share_runway(self, a: int, b: int) -> bool:
+        """Return whether two cranes travel on one runway.
+
+        What stands of them then stands once. It is not compared with what moves of either, just as
+        what moves of a crane is not compared with its own tower: a bridge rests on its rails.
+        """
+        runways = [self.stations[i].runway or self.stations[i].name for i in (a, b)]
+        return a != b and runways[0] == runways[1]
+
+    def compared_capsules(self, crane: int, other: int) -> np.ndarray:
+        """Return the indices of the capsules of a crane that are compared with those of another:
+        all, or those that move where both travel on one runway.
+        """
+        joint = self.stations[crane].bodies.joint
+        if self.share_runway(crane, other):
+            return np.flatnonzero(joint > 0)
+        return np.arange(len(joint))
 
     @cached_property
     def obstacles(self) -> Obstacles:
@@ -385,17 +426,22 @@ class CraneSite:
                 self.bodies, station, rows[row, station], self.distance, self.swing
             )
         to_prove[:, station] = False
-        pair_row, other = np.nonzero(to_prove)
-        if len(pair_row):
-            proven[pair_row, other] = proven_apart(
-                self.bodies,
-                np.full(len(pair_row), station),
-                rows[pair_row, station],
-                other,
-                rows[pair_row, other],
-                self.distance,
-                self.swing,
-            )
+        on_runway = [self.share_runway(station, other) for other in range(cranes)]
+        for bodies, is_compared in (
+            (self.bodies, ~np.array(on_runway)),
+            (self.moving_bodies, np.array(on_runway)),
+        ):
+            pair_row, other = np.nonzero(to_prove & is_compared)
+            if len(pair_row):
+                proven[pair_row, other] = proven_apart(
+                    bodies,
+                    np.full(len(pair_row), station),
+                    rows[pair_row, station],
+                    other,
+                    rows[pair_row, other],
+                    self.distance,
+                    self.swing,
+                )
 
         # A box that is no box is apart from nothing, also where nobody doubts it.
         proven[~sound] = False
@@ -423,7 +469,7 @@ class CraneSite:
         first = first.reshape(-1, *first.shape[-2:])
         second = second.reshape(-1, *second.shape[-2:])
         proven = proven_apart(
-            self.bodies,
+            self.moving_bodies if self.share_runway(a, b) else self.bodies,
             np.full(len(first), a),
             first,
             np.full(len(first), b),
@@ -433,11 +479,101 @@ class CraneSite:
         )
         return proven.reshape(shape)
 
-    def _tower_gap(self, a: int, b: int) -> float:
-        """Return the distance between all that stands still of two cranes [m]."""
-        first = _standing_capsules(self.stations[a].bodies)
-        second = _standing_capsules(self.stations[b].bodies)
-        return float(least_distances(first, second)[0])
+    def _check_tower_gap(self, a: int, b: int) -> None:
+        """Check that all that stands still of two cranes keeps the required distance.
+
+        Raises:
+            DataError: If it does not.
+        """
+        first = self.stations[a]
+        second = self.stations[b]
+        standing = [_standing_capsules(station.bodies) for station in (first, second)]
+        # A crane of which nothing is drawn that stands is near to no tower.
+        if not all(capsules.radius.size for capsules in standing):
+            return
+        gap = float(least_distances(*standing)[0])
+        if gap >= self.distance:
+            return
+        kind = "towers"
+        advice = ""
+        if travels(first.crane) and travels(second.crane):
+            kind = "runways"
+            advice = (
+                f" If both cranes travel on one runway, enter runway = {quoted(first.name)} for "
+                f"{quoted(second.name)}."
+            )
+        elif travels(first.crane) or travels(second.crane):
+            kind = "tower and runway"
+        raise DataError(
+            f"The {kind} of {quoted(first.name)} and {quoted(second.name)} are "
+            f"{max(gap, 0.0):.2f} m apart; required is {self.distance:g} m.{advice}"
+        )
+
+    def _check_starts_apart(self, a: int, b: int) -> None:
+        """Check that two cranes on one runway are apart at the start: their order is that in which
+        they start, and stays.
+
+        Raises:
+            DataError: If they are not proven to be.
+        """
+        boxes = []
+        for station in (self.stations[a], self.stations[b]):
+            start = station.crane.start.q[station.crane.layout.drives]
+            boxes.append(np.array([start, start]))
+        if not self.pair_apart(a, boxes[0], b, boxes[1]):
+            names = [quoted(self.stations[i].name) for i in (a, b)]
+            raise DataError(
+                f"At the start {names[0]} and {names[1]}, on one runway, are not {self.distance:g} "
+                "m apart, with the load swinging; give each its own start, such as bridge_init "
+                "among the values of an overhead crane."
+            )
+
+    def _check_runway(self, station: Station) -> None:
+        """Check that a crane travels on the runway of another one: that both travel, stand at one
+        place, and have the same shapes standing there.
+
+        Raises:
+            UnknownName: If there is no such crane.
+            DataError: If one does not travel, the other one has no runway of its own, or both do
+                not stand as one runway does.
+        """
+        name = quoted(station.name)
+        names = [other.name for other in self.stations if other is not station]
+        if station.runway not in names:
+            raise UnknownName("crane", station.runway, names)
+        owner = next(other for other in self.stations if other.name == station.runway)
+        other_name = quoted(owner.name)
+        for crane in (station, owner):
+            if not travels(crane.crane):
+                raise DataError(
+                    f"{quoted(crane.name)} has no runway: its first drive does not slide. Leave "
+                    f"out the runway of {name}."
+                )
+        if owner.runway:
+            raise DataError(
+                f"{other_name} travels on the runway of {quoted(owner.runway)} itself: enter "
+                f"runway = {quoted(owner.runway)} for {name}, too."
+            )
+        if not np.allclose(station.bodies.foot, owner.bodies.foot, rtol=0.0, atol=_SAME_PLACE):
+            raise DataError(
+                f"{name} travels on the runway of {other_name}, but stands elsewhere: give both "
+                "the same position and heading."
+            )
+        # Rails, columns, and where the first drive stands at zero and which way it goes.
+        numbers = []
+        for bodies in (station.bodies, owner.bodies):
+            standing = _standing_capsules(bodies)
+            direction = bodies.rotation[0] @ bodies.axis[0]
+            fields = [standing.ends.ravel(), standing.radius, bodies.translation[0], direction]
+            numbers.append(np.concatenate(fields))
+        is_same = numbers[0].shape == numbers[1].shape and np.allclose(
+            numbers[0], numbers[1], rtol=0.0, atol=_SAME_PLACE
+        )
+        if not is_same:
+            raise DataError(
+                f"{name} travels on the runway of {other_name}, but its rails and columns differ: "
+                "give both the same values of what stands, such as span, runway and height."
+            )
 
 
 def _standing_capsules(bodies: CraneBodies) -> PlacedCapsules:

@@ -14,6 +14,7 @@ import numpy as np
 from cranedyn.dynamics.converters import ROUNDING, Converters, converters
 from cranedyn.errors import CraneError, UnknownName, quoted
 from cranedyn.lifts.judging.chart import read_chart
+from cranedyn.lifts.planning.site import KINDS
 from cranedyn.lifts.planning.site_file import (
     SOLIDS,
     chart_of,
@@ -44,13 +45,15 @@ SITES = Path(__file__).parent / "examples"
 EXAMPLES = ("two_towers", "four_towers", "luffing_between")
 """Names of the example sites."""
 
-SHIFT_EXAMPLES = ("two_towers_shift",)
+SHIFT_EXAMPLES = ("two_towers_shift", "two_bridges")
 """Names of the example sites that list lifts."""
 
 _FIELDS = (
     "name",
     "position",
     "heading",
+    "runway",
+    "kind",
     "model",
     "machine",
     "urdf",
@@ -65,8 +68,11 @@ _FIELDS = (
 _LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after")
 """Fields of a lift."""
 
-_MODELS = ("tower_crane", "luffing_crane")
-"""Names of the cranes of this project; the first is the default."""
+_DEFAULT_KIND = "tower"
+"""Kind of a crane that names no other one, of `cranedyn.lifts.planning.site.KINDS`."""
+
+_MODEL_ENDING = "_crane"
+"""What `model`, another name of `kind`, has behind the kind."""
 
 _ENTERED_BY = {
     "brakes": ["brakes"],
@@ -98,7 +104,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
     entries = top.tables("crane", _FIELDS, lines)
     stations: list[Station] = []
     for entry in entries:
-        stations.append(_station(entry, ground))
+        stations.append(_station(entry, ground, stations))
         with _blamed_on(entry, "name"):
             check_names([station.name for station in stations])
     if not stations:
@@ -112,7 +118,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
     # The site is made of one crane, of two, and so on: the crane with which that fails first is the
     # one whose line the error names.
     for count, entry in enumerate(entries, start=1):
-        with _blamed_on(entry, "position"):
+        with _blamed_on(entry, "runway" if "runway" in entry.values else "position"):
             site = CraneSite(
                 name, tuple(stations[:count]), ground, distance, swing, solids, wind, entered
             )
@@ -197,15 +203,35 @@ def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) 
     )
 
 
-def _station(entry: SiteTable, ground: float) -> Station:
-    """Return the crane of a table at its place, on a ground of a height [m] by default."""
+def _station(entry: SiteTable, ground: float, above: Sequence[Station]) -> Station:
+    """Return the crane of a table at its place.
+
+    Args:
+        entry: The table.
+        ground: Height of the ground [m], on which the crane stands by default.
+        above: The cranes of the tables above it, on whose runways it may travel.
+    """
     name = entry.text("name")
-    foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", [0.0, 0.0, ground]))
-    heading = entry.angle("heading", -math.pi / 2.0)
+    runway = entry.text("runway", "")
+    place = [0.0, 0.0, ground]
+    heading = -math.pi / 2.0
+    if runway:
+        # Where its runway is, unless the table says so again.
+        owners = {station.name: station for station in above}
+        if runway not in owners:
+            known = f"there are {', '.join(owners)}" if owners else "there is none"
+            entry.fail(
+                "runway",
+                f"{quoted(runway)} is no crane that stands above this one in the file; {known}.",
+            )
+        place = owners[runway].foot.tolist()
+        heading = owners[runway].heading
+    foot = np.array(entry.numbers("position", 3, "-1e7 to 1e7", place))
+    heading = entry.angle("heading", heading)
 
     # The field that says which crane it is: errors of its model are blamed on that.
     model_field = "name"
-    for field in ("values", "machine", "urdf"):
+    for field in ("values", "kind", "model", "machine", "urdf"):
         if field in entry.values:
             model_field = field
     with _blamed_on(entry, model_field):
@@ -223,7 +249,8 @@ def _station(entry: SiteTable, ground: float) -> Station:
         with _blamed_on(entry, "chart"):
             chart = read_chart(chart_file)
     with _blamed_on(entry, "reaction"):
-        station = Station(name, crane, foot, heading, drives, brake, chart, _entered(entry))
+        entered = _entered(entry)
+        station = Station(name, crane, foot, heading, drives, brake, chart, entered, runway)
     with _blamed_on(entry, model_field):
         # Capsules are made when they are first asked for, which is here: not every crane has them.
         _ = station.bodies
@@ -246,7 +273,7 @@ def _entered(entry: SiteTable) -> frozenset[str]:
 def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
     """Return a crane, and accelerations of its drives that its machine states."""
     values: dict[str, Any] = entry.take("values", crane_values, {})
-    kinds = [key for key in ("model", "machine", "urdf") if key in entry.values]
+    kinds = [key for key in ("kind", "model", "machine", "urdf") if key in entry.values]
     if len(kinds) > 1:
         entry.fail(kinds[1], f"{kinds[0]} is given, too; leave one out.")
     if "urdf" in kinds:
@@ -260,12 +287,21 @@ def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
         machine = entry.text("machine")
         crane = load_crane(machine=machine, values=values)
         return crane, {"accelerations": read_machine(machine).accelerations}
-    model = entry.text("model", _MODELS[0])
-    if model not in _MODELS:
-        entry.fail("model", f"{quoted(model)} is not one of {', '.join(_MODELS)}.")
+    kind = _kind(entry)
     # None is the tower crane.
-    description = None if model == _MODELS[0] else XACRO.with_name(f"{model}.urdf.xacro")
+    description = None if kind == _DEFAULT_KIND else XACRO.with_name(f"{kind}_crane.urdf.xacro")
     return load_crane(description, values=values or None), {}
+
+
+def _kind(entry: SiteTable) -> str:
+    """Return the kind of a crane of this project, from the field `kind` or `model`."""
+    field = "model" if "model" in entry.values else "kind"
+    ending = _MODEL_ENDING if field == "model" else ""
+    given = entry.text(field, _DEFAULT_KIND + ending)
+    known = [kind + ending for kind in KINDS]
+    if given not in known:
+        entry.fail(field, f"{quoted(given)} is not one of {', '.join(known)}.")
+    return given.removesuffix(ending)
 
 
 def _has_own_brakes(entry: SiteTable) -> bool:

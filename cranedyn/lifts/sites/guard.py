@@ -11,6 +11,9 @@ keep the crane safe. Once a cycle (`CYCLE`) it does the following, see `_step`:
 4. It limits each rate so that the drive can stop inside its interval.
 5. It works out which box to ask for next, and which part of the present one to give back.
 
+That ropes stay inside their largest swing is tried for drives that react within half a second. Of
+slower ones nothing is promised, see `cranedyn.lifts.sites.promise.reacts_late`.
+
 Where a measurement or a command is not a plausible number, or the wind is above what the site
 states, it brakes all drives instead.
 

@@ -310,7 +310,8 @@ def _passes_towers(
     slew = site.stations[index].crane.layout.drive_of("slew")
     moves_with_crane = ~bodies.hangs[index] & (bodies.joint[index] > 0)
     my_capsules = np.nonzero(moves_with_crane)[0]
-    is_other = np.arange(len(site.stations)) != index
+    cranes = range(len(site.stations))
+    is_other = np.array([i != index and not site.share_runway(index, i) for i in cranes])
     towers = np.argwhere((bodies.joint == 0) & is_other[:, None])
     if not len(towers) or not len(my_capsules):
         return True

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Any, NamedTuple
 
@@ -40,6 +40,9 @@ _MAX_GROUPS = 5
 _MIN_GAIN = 5.0
 """Volume of capsules that a split of a group must save [m³]."""
 
+_MAX_RUNWAY_SHAPES = 24
+"""Largest number of shapes of a runway that each get a capsule of their own."""
+
 _CUTS_PER_AXIS = 5
 """Splits of a group that are tried along each axis."""
 
@@ -64,7 +67,9 @@ class CraneBodies:
     Capsule 0 <= c < n is fixed to the link behind `joint[c]` of these drives.
 
     Attributes:
-        names: Name of each capsule: "tower", "jib", "counter-jib", "trolley", "rope" or "load".
+        names: Name of each capsule: "tower", "jib", "counter-jib", "trolley", "rope" or "load"; of
+            a crane that travels "runway" is what stands, and of an overhead crane "bridge" is what
+            travels.
         columns: Index of each number of a position among the drives of the crane, shape (k + 1,).
         rotation, translation: Placement of each joint in the frame of the link before it, the first
             in that of the site, shapes (k, 3, 3) and (k, 3) [m].
@@ -188,7 +193,8 @@ def crane_bodies(crane: Crane, foot: np.ndarray, heading: float) -> CraneBodies:
     Args:
         crane: The crane.
         foot: Where its foot stands in the frame of the site [m], shape (3,).
-        heading: Direction of its jib at zero slew, from X towards Y [rad].
+        heading: Direction of its jib at zero slew, from X towards Y [rad]; of a crane that travels
+            the direction of -Y of its frame, in which the trolley of an overhead crane runs.
 
     Raises:
         ModelError: If it has no rope below two swing joints that hangs from both, has other joints
@@ -285,6 +291,20 @@ def _slews_first(crane: Crane, joints: _Joints) -> bool:
     return bool(joints.chain) and crane.layout.joints[joints.chain[0] - 1].kind == "revolute"
 
 
+def travels(crane: Crane) -> bool:
+    """Return whether the first drive of a crane slides, as a bridge does on its runway. What stands
+    of such a crane is a runway, on which others may travel as well.
+    """
+    first = crane.layout.joints[0]
+    return first.driven and first.kind == "prismatic"
+
+
+def is_bridge_crane(crane: Crane) -> bool:
+    """Return whether a crane is a bridge with a trolley: two drives that slide, and a hoist."""
+    kinds = [joint.kind for joint in crane.layout.driven]
+    return travels(crane) and kinds == ["prismatic", "prismatic", "prismatic"]
+
+
 def _at_zero_slew(crane: Crane, joints: _Joints) -> pin.Data:
     """Return the kinematics of a crane at its start with the first joint at zero if it turns."""
     q = np.array(crane.start.q, dtype=float)
@@ -344,13 +364,15 @@ def _rigid_capsules(
             and index > 0
             and crane.layout.joints[joint - 1].role == "trolley"
         )
-        for points in group_shapes(shapes.get(joint, [])):
+        for points in convex_parts(crane, joint, shapes.get(joint, [])):
             ends, radius = _capsule(points)
             middle = data.oMi[joint].act(ends.mean(axis=0))[:2]
             if index == 0:
-                name = "tower"
+                name = standing_part(crane)
             elif is_trolley:
                 name = "trolley"
+            elif is_bridge_crane(crane):
+                name = "trolley" if index == len(joints.chain) else "bridge"
             else:
                 name = "jib" if middle @ outward >= 0.0 else "counter-jib"
             capsules.append(_LocalCapsule(name, index, ends, np.zeros((2, 3)), False, radius))
@@ -422,6 +444,24 @@ def _largest_distance_from_axis(points: np.ndarray, axis: np.ndarray) -> float:
     """Return the largest distance of points [m], shape (n, 3), from an axis through the origin."""
     across = points - (points @ axis)[:, None] * axis
     return float(np.linalg.norm(across, axis=1).max())
+
+
+def standing_part(crane: Crane) -> str:
+    """Return what is called the part of a crane that no drive moves."""
+    return "runway" if travels(crane) else "tower"
+
+
+def convex_parts(crane: Crane, joint: int, shapes: list[np.ndarray]) -> list[np.ndarray]:
+    """Partition the corners of the shapes behind a joint, shape (n, 3) each, into parts that count
+    as convex; joint 0 is the world.
+
+    Shapes are grouped, see `group_shapes`. The rails and columns of a runway are not, up to
+    `_MAX_RUNWAY_SHAPES`: a capsule around a row of columns and their rail would be as wide as the
+    columns are high, and fill the hall beside them.
+    """
+    if joint == 0 and travels(crane) and len(shapes) <= _MAX_RUNWAY_SHAPES:
+        return shapes
+    return group_shapes(shapes)
 
 
 def group_shapes(shapes: list[np.ndarray]) -> list[np.ndarray]:
@@ -539,6 +579,20 @@ def segment_distance(points: np.ndarray, ends: np.ndarray) -> np.ndarray:
     share = np.clip((points - ends[0]) @ segment / square, 0.0, 1.0) if square > 0.0 else 0.0
     nearest = ends[0] + np.multiply.outer(share, segment)
     return np.linalg.norm(points - nearest, axis=1)
+
+
+def without_standing(bodies: CraneBodies) -> CraneBodies:
+    """Return the bodies of a crane without the capsules that no drive moves."""
+    moves = bodies.joint > 0
+    return replace(
+        bodies,
+        names=tuple(itertools.compress(bodies.names, moves)),
+        joint=bodies.joint[moves],
+        ends=bodies.ends[moves],
+        depth=bodies.depth[moves],
+        hangs=bodies.hangs[moves],
+        radius=bodies.radius[moves],
+    )
 
 
 def stacked(bodies: Sequence[CraneBodies]) -> CraneBodies:

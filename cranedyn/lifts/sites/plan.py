@@ -869,10 +869,27 @@ class Schedule:
             if self.others_can_stand_clear(crane, _standing(station, end)):
                 ends.append(end)
         if not ends:
-            raise NoWay("wherever it may stand, another crane is in the way of its goal.")
+            raise NoWay(self._who_is_in_the_way(crane, goal))
         if cleared:
             return self._move_past_cleared_cranes(crane, ends, lift, earliest)
         return self._move(crane, ends, lift, earliest)
+
+    def _who_is_in_the_way(self, crane: int, goal: _Position) -> str:
+        """Return in words which crane finds no place to stand while a crane is at a goal of its
+        load, and which bodies would come too near to each other where that crane stands now.
+        """
+        station = self.site.stations[crane]
+        words = "wherever it may stand, another crane is in the way of its goal"
+        for end in _positions_at_goal(station, self.positions[crane], goal):
+            box = _standing(station, end)
+            for other in self._others(crane):
+                if next(self._refuges(other, {crane: box}), None) is None:
+                    theirs = _standing(self.site.stations[other], self.positions[other])
+                    conflict = Conflict(crane, box[0], other, theirs[0], math.inf)
+                    return f"{words}, and no place was found to which that could go: " + (
+                        f"{conflict.words(self.site)}."
+                    )
+        return f"{words}."
 
     def _move_past_cleared_cranes(
         self, crane: int, ends: list[_Position], lift: int, earliest: float
@@ -952,8 +969,10 @@ class Schedule:
         """Yield positions where a crane stands clear of boxes of others.
 
         First comes where it stands, then random positions with the load raised, in ascending order
-        of the time in which the drives get there. In every other one the slew alone differs, as
-        turning away is the simplest way to clear a path; no slew turns more than once around.
+        of the time in which the drives get there. In every other one the slew alone differs, or the
+        first drive of a crane without one, as turning or travelling away is the simplest way to
+        clear a path; no slew turns more than once around. On a runway no position lies beyond
+        another crane, see `_keeps_order`.
 
         Args:
             crane: Index of the crane.
@@ -965,11 +984,13 @@ class Schedule:
         low, high = _once_around(station, begin)
         rng = np.random.default_rng(0)
         candidates = rng.uniform(low, high, (_REFUGE_COUNT, len(low)))
-        candidates[::2] = np.where(_is_slew(station), candidates[::2], begin)
+        candidates[::2] = np.where(_turns_away(station), candidates[::2], begin)
         candidates[0] = begin
         candidates[:, winch] = low[winch] + _RAISED_CABLE
         times = (np.abs(candidates - begin) / station.converters.rates).max(axis=1)
         ordered = np.array([begin, *candidates[times.argsort()]])
+        for other, boxes in to_avoid.items():
+            ordered = ordered[self._keeps_order(crane, ordered, other, boxes)]
 
         # Boxes of successive slices are nearly alike: in random order one of the first few tells
         # most candidates that fail.
@@ -978,7 +999,8 @@ class Schedule:
             for box in rng.permutation(boxes):
                 obstructing.append((other, box))
 
-        groups = [ordered[:1], ordered[1:_NEAREST_REFUGES], ordered[_NEAREST_REFUGES:]]
+        stands = [ordered[:1], ordered[1:_NEAREST_REFUGES], ordered[_NEAREST_REFUGES:]]
+        groups = [group for group in stands if len(group)]
         for group in groups:
             clear = group
             for other, box in obstructing:
@@ -988,6 +1010,23 @@ class Schedule:
                     break
             for position in clear.tolist():
                 yield tuple(position)
+
+    def _keeps_order(
+        self, crane: int, positions: np.ndarray, other: int, boxes: np.ndarray
+    ) -> np.ndarray:
+        """Return whether positions of a crane, shape (rows, m), lie on the same side of boxes of
+        another, shape (k, 2, m), as the crane stands of that one after its last motion: True for
+        all unless both travel on one runway, where no bridge gets past another; shape (rows,).
+        """
+        if not self.site.share_runway(crane, other):
+            return np.ones(len(positions), dtype=bool)
+
+        # Both have their first drive along the same rails, from the same origin.
+        mine = self.site.stations[crane].bodies.columns[0]
+        theirs = self.site.stations[other].bodies.columns[0]
+        if self.positions[crane][mine] < self.positions[other][theirs]:
+            return positions[:, mine] < boxes[:, 0, theirs].min()
+        return positions[:, mine] > boxes[:, 1, theirs].max()
 
     def _move(self, crane: int, ends: list[_Position], lift: int, earliest: float = 0.0) -> bool:
         """Put in the motions by which a crane arrives first at one of some ends, and where nothing
@@ -1293,6 +1332,16 @@ def _shortened(path: _Points, is_clear: Callable[[_Position, _Position], bool]) 
 def _is_slew(station: Station) -> list[bool]:
     """Return whether each drive of a crane is its slew."""
     return [joint.role == "slew" for joint in station.crane.layout.driven]
+
+
+def _turns_away(station: Station) -> list[bool]:
+    """Return whether each drive of a crane is the one that takes it out of the way of others: its
+    slew, or the first drive of a crane without one.
+    """
+    is_slew = _is_slew(station)
+    if not any(is_slew):
+        is_slew[station.bodies.columns[0]] = True
+    return is_slew
 
 
 def _once_around(station: Station, *positions: _Position) -> np.ndarray:

@@ -8,9 +8,18 @@ from collections.abc import Callable
 import numpy as np
 
 from cranedyn.assumptions import Assumption, Origin
-from cranedyn.lifts.sites.brakes import CYCLE
+from cranedyn.lifts.sites.brakes import CYCLE, REACTION
 from cranedyn.lifts.sites.crane_site import CraneSite, Station
 from cranedyn.lifts.sites.guard import working_swing
+
+# In its reaction time a drive need not slow down at all. A guard that intervenes damps the swing,
+# and damping that comes late by a large share of the period of a rope drives it further up: drives
+# that keep their speed for 0.8 s or longer can take a rope out of its cone.
+TRIED_REACTION = REACTION
+"""Longest reaction time with which it was tried that guards keep ropes in their cones [s]."""
+
+_ROUNDING = 1e-9
+"""Rounding error of a reaction time [s]."""
 
 _OfCrane = Callable[[CraneSite, Station], tuple[str, Origin]]
 """Returns what is assumed of a crane of a site, and where it comes from."""
@@ -39,6 +48,7 @@ def site_assumptions(site: CraneSite) -> list[Assumption]:
     assumptions += _of_cranes(site, "weakest brakes", _brakes)
     assumptions += _of_cranes(site, "reaction time of brakes", _reaction)
     assumptions += _of_cranes(site, "fastest drives", _drives)
+    assumptions += _of_cranes(site, "ropes in their largest swing", _ropes)
     assumptions += _of_cranes(site, "error of measured positions", _tolerances)
     assumptions += _of_cranes(site, "shapes of the crane", _shapes)
     assumptions += [
@@ -48,6 +58,26 @@ def site_assumptions(site: CraneSite) -> list[Assumption]:
         Assumption("clocks", "none in common; each runs forward", Origin.ASSUMED),
     ]
     return assumptions
+
+
+def reacts_late(station: Station) -> bool:
+    """Return whether drives of a crane may react too late for the promise that its rope stays in
+    its largest swing: later than in all trials, see `TRIED_REACTION`.
+    """
+    return station.brakes.reaction > TRIED_REACTION + _ROUNDING
+
+
+def unjudged_ropes(site: CraneSite) -> list[str]:
+    """Return for each crane that reacts late, in words, that nothing is promised of its rope."""
+    words = []
+    for station in site.stations:
+        if reacts_late(station):
+            words.append(
+                f"the drives of {station.name} may react only after {station.brakes.reaction:.3g} "
+                "s; that a guard keeps a rope in its largest swing is tried for up to "
+                f"{TRIED_REACTION:.3g} s"
+            )
+    return words
 
 
 def _wind(site: CraneSite) -> Assumption:
@@ -90,7 +120,7 @@ def _per_drive(station: Station, values: np.ndarray, per: str) -> str:
     for joint, value in zip(station.crane.layout.driven, values, strict=True):
         turns = joint.unit == "rad"
         shown = math.degrees(value) if turns else value
-        texts.append(f"{joint.role or joint.name} {shown:.3g} {'°' if turns else 'm'}{per}")
+        texts.append(f"{joint.role or joint.symbol} {shown:.3g} {'°' if turns else 'm'}{per}")
     return ", ".join(texts)
 
 
@@ -109,6 +139,13 @@ def _brakes(site: CraneSite, station: Station) -> tuple[str, Origin]:
 def _reaction(site: CraneSite, station: Station) -> tuple[str, Origin]:
     """Return the time from a measurement to full deceleration."""
     return f"{station.brakes.reaction:.3g} s", _origin(station, "reaction")
+
+
+def _ropes(site: CraneSite, station: Station) -> tuple[str, Origin]:
+    """Return whether the guard is known to keep the rope in its largest swing."""
+    if reacts_late(station):
+        return "not judged, since the drives may react too late to damp a swing", Origin.COMPUTED
+    return f"tried for drives that react within {TRIED_REACTION:.3g} s", Origin.ASSUMED
 
 
 def _drives(site: CraneSite, station: Station) -> tuple[str, Origin]:

@@ -14,6 +14,8 @@ from cranedyn.lifts.judging.lift_figures import LiftFigure, solid_outlines
 from cranedyn.lifts.judging.lift_tables import Row, Table
 from cranedyn.lifts.judging.report_page import page_figures, page_tables, write_html_or_pdf
 from cranedyn.lifts.sites.brakes import CYCLE
+from cranedyn.lifts.sites.crane_site import Station
+from cranedyn.lifts.sites.placed_capsules import travels
 from cranedyn.lifts.sites.promise import site_assumptions
 from cranedyn.lifts.sites.shift_checks import shift_checks
 from cranedyn.lifts.sites.shift_plan import ShiftPlan
@@ -59,7 +61,7 @@ def site_html(run: SiteRun, shift: ShiftPlan | None = None) -> str:
         caption = "Timetable: pale to the load, grey hooking on and off, full with the load."
         figures.append(LiftFigure(timetable_chart(shift), caption))
     figures += [
-        LiftFigure(_plan(run), "Towers, reach, paths of hooks, obstacles, and contacts in red."),
+        LiftFigure(_plan(run), _plan_caption(run)),
         LiftFigure(_histories(run, lost), "Distances, the required one dashed, and lost time."),
     ]
     return render(
@@ -135,7 +137,7 @@ def _travel_table(run: SiteRun, lost: list[np.ndarray]) -> Table:
         passed = CYCLE * np.abs(np.nan_to_num(run.passed[i]) / rates).sum(axis=0)
         for drive, joint in enumerate(station.crane.layout.driven):
             times = [commanded[drive], passed[drive], lost[i][-1, drive]]
-            rows.append([station.name, joint.role or joint.name, *times])
+            rows.append([station.name, joint.role or joint.symbol, *times])
     columns = [("crane", ""), ("drive", "")]
     columns += [("commanded [s]", ".1f"), ("passed on [s]", ".1f"), ("lost [s]", ".1f")]
     return Table("Travel of drives at full rate", columns, rows)
@@ -179,33 +181,68 @@ def _assumption_table(run: SiteRun) -> Table:
     return Table("Assumptions", columns, rows)
 
 
+def _plan_caption(run: SiteRun) -> str:
+    """Return what the drawing of the site from above shows."""
+    kinds = {travels(station.crane) for station in run.site.stations}
+    standing = {(False,): "Towers", (True,): "Runways", (False, True): "Towers, runways"}
+    return f"{standing[tuple(sorted(kinds))]}, reach, paths of hooks, obstacles, contacts in red."
+
+
 def _plan(run: SiteRun) -> Figure:
     """Draw the site from above: obstacles, and each crane with its reach, the path of its hook and
     its contacts.
+
+    The reach of a crane that slews is a circle, and its name stands at its tower. That of a crane
+    that travels is the area of its hook; its rails are drawn in grey, and its name stands where the
+    run begins.
     """
     figure, (ax,) = panels(height=6.5)
     for solid in run.site.solids:
         ax.add_collection(solid_outlines(solid, 0, 1))
-    angle = np.linspace(0.0, 2.0 * np.pi, 181)
     for i, (station, path) in enumerate(zip(run.site.stations, run.trajectories, strict=True)):
-        foot = station.foot[:2]
         colour = run_colour(i)
-        reach = np.linalg.norm(station.outline(station.ranges[None])[..., :2], axis=-1).max()
-        circle = foot[:, None] + reach * np.array([np.cos(angle), np.sin(angle)])
         rope = station.rope(path.q)
         winch = station.crane.layout.drives[station.crane.winch]
         cable = path.q[:, [winch]]
         hook = (rope.pivot + cable * rope.direction)[:, :2]
-        ax.plot(*circle, ":", color=colour, linewidth=1.0)
+        ax.plot(*_reach(station).T, ":", color=colour, linewidth=1.0)
         ax.plot(*hook.T, color=colour, linewidth=1.0)
-        ax.plot(*foot, "s", color=colour, markersize=9)
-        ax.text(foot[0], foot[1], f"\u00a0\u00a0{station.name}", color=colour, va="center")
+        named_at = station.foot[:2]
+        if travels(station.crane):
+            named_at = rope.pivot[0, :2]
+            # Cranes on one runway have the same rails, which are drawn once.
+            if not station.runway:
+                _draw_runway(ax, station)
+        ax.plot(*named_at, "s", color=colour, markersize=9)
+        x, y = named_at.tolist()
+        ax.text(x, y, f"\u00a0\u00a0{station.name}", color=colour, va="center")
         for contact in run.contacts:
             body = _touching_body(contact, station.name)
             if body:
-                _draw_contact(ax, body, foot, hook[round(contact.t / CYCLE)], reach)
+                row = round(contact.t / CYCLE)
+                _draw_contact(ax, body, station, path.q[row], hook[row])
     ax.set(aspect="equal", xlabel="x [m]", ylabel="y [m]")
     return figure
+
+
+def _reach(station: Station) -> np.ndarray:
+    """Return the line around all that the pivot of a crane reaches, seen from above [m], shape
+    (points, 2): a circle around a crane that slews.
+    """
+    line = station.outline(station.ranges[None])[0] @ station.bodies.foot[:, :3].T
+    if travels(station.crane):
+        return (line + station.foot)[:, :2]
+    angle = np.linspace(0.0, 2.0 * np.pi, 181)
+    radius = np.linalg.norm(line[:, :2], axis=-1).max()
+    return station.foot[:2] + radius * np.column_stack([np.cos(angle), np.sin(angle)])
+
+
+def _draw_runway(ax: Axes, station: Station) -> None:
+    """Draw the rails and columns of a crane from above, as the axes of its capsules."""
+    bodies = station.bodies
+    for ends in bodies.ends[bodies.joint == 0]:
+        placed = ends @ bodies.foot[:, :3].T + bodies.foot[:, 3]
+        ax.plot(placed[:, 0], placed[:, 1], "-", color="0.6", linewidth=3.0, zorder=0.5)
 
 
 def _touching_body(contact: SiteContact, crane: str) -> str:
@@ -216,23 +253,45 @@ def _touching_body(contact: SiteContact, crane: str) -> str:
     return contact.second_body if contact.second == crane else ""
 
 
-def _draw_contact(ax: Axes, body: str, foot: np.ndarray, hook: np.ndarray, reach: float) -> None:
-    """Draw a contact seen from above: at the hook if rope or load touch, else along the jib.
+def _draw_contact(ax: Axes, body: str, station: Station, q: np.ndarray, hook: np.ndarray) -> None:
+    """Draw a contact seen from above: at the hook if rope or load touch, else along the jib or the
+    bridge.
 
     Args:
         ax: Where to draw.
         body: Name of the body that touches.
-        foot: Place of the mast [m], shape (2,).
+        station: The crane.
+        q: Its coordinates, shape (n,).
         hook: Place of the hook [m], shape (2,).
-        reach: Length of the jib [m].
     """
     line = hook[None]
     style = "x-"
     if body not in ("rope", "load"):
-        tip = foot + (hook - foot) * reach / np.linalg.norm(hook - foot)
-        line = np.array([foot, tip])
+        line = _across(station, q, hook)
         style = "-"
     ax.plot(line[:, 0], line[:, 1], style, color=CONTACT, linewidth=1.0, zorder=3.0)
+
+
+def _across(station: Station, q: np.ndarray, hook: np.ndarray) -> np.ndarray:
+    """Return the ends of the jib or the bridge of a crane seen from above [m], shape (2, 2).
+
+    Args:
+        station: The crane.
+        q: Its coordinates, shape (n,).
+        hook: Place of the hook [m], shape (2,), towards which the jib points.
+    """
+    foot = station.foot[:2]
+    if not travels(station.crane):
+        reach = np.linalg.norm(_reach(station)[0] - foot)
+        return np.array([foot, foot + (hook - foot) * reach / np.linalg.norm(hook - foot)])
+
+    # Where the pivot is with the last drive before the rope at both ends of its way.
+    drives = q[station.crane.layout.drives]
+    positions = np.array([drives, drives])
+    last = station.bodies.columns[-2]
+    positions[:, last] = station.ranges[:, last]
+    coordinates, _ = station.plumb(positions)
+    return station.rope(coordinates).pivot[:, :2]
 
 
 def _histories(run: SiteRun, lost: list[np.ndarray]) -> Figure:

@@ -35,6 +35,7 @@ from cranedyn.lifts.sites.crane_site import CraneSite, SiteWind, Station
 from cranedyn.lifts.sites.distance_proof import least_distances
 from cranedyn.lifts.sites.guard import BoxGrant, BoxRequest, Guard
 from cranedyn.lifts.sites.placed_capsules import PlacedCapsules, place_crane
+from cranedyn.lifts.sites.promise import unjudged_ropes
 from cranedyn.lifts.sites.supervisor import Supervisor
 from cranedyn.lifts.sites.working_wind import CALM
 from cranedyn.recording import Obstacle, Run, Scenery, record
@@ -186,16 +187,17 @@ class SiteRun:
 
     @property
     def broken_assumptions(self) -> list[str]:
-        """What in this run was outside of what the site assumes, in words; empty if nothing was.
+        """What in this run was outside of what the promise of the site assumes, in words; empty if
+        nothing was.
 
         Contacts of such a run say nothing about what the site promises, and neither does their
         absence.
         """
+        broken = unjudged_ropes(self.site)
         limit = self.site.working_wind
         stated = f"the site states {limit.gust:g} m/s" if limit.gust else "the site states no wind"
         # True also for NaN.
         rows = np.flatnonzero(~(np.abs(self.wind_speed) <= limit.gust))
-        broken = []
         if len(rows):
             largest = float(np.abs(self.wind_speed[rows]).max())
             broken.append(
@@ -367,7 +369,7 @@ class SiteRun:
                 f"\n**Waiting:** {wait.words}, {wait.duration:.1f} s from {wait.begin:.1f} s on."
             )
         if self.boxes:
-            lines.append("\nSectors beside jibs are what is reserved for their cranes.")
+            lines.append("\nSectors beside jibs, and areas around bridges, are what is reserved.")
         return "\n".join(lines)
 
 
@@ -938,10 +940,20 @@ class _Watch:
         capsules of all cranes.
         """
         if pair.is_of_cranes:
+            first_compared, second_compared = self._compared(pair)
             first = self._capsules(pair.first, ends[pair.first])
             second = self._capsules(pair.second, ends[pair.second])
-            return least_distances(first, second)
+            return least_distances(
+                _of_capsules(first, first_compared), _of_capsules(second, second_compared)
+            )
         return np.array([self._gaps(pair, row).min() for row in zip(*ends, strict=True)])
+
+    def _compared(self, pair: _Pair) -> tuple[np.ndarray, np.ndarray]:
+        """Return which capsules of both cranes of a pair are compared with each other."""
+        return (
+            self._site.compared_capsules(pair.first, pair.second),
+            self._site.compared_capsules(pair.second, pair.first),
+        )
 
     def _capsules(self, i: int, ends: np.ndarray) -> PlacedCapsules:
         """Return the capsules of a crane with their ends at points."""
@@ -957,8 +969,14 @@ class _Watch:
         if pair.is_of_cranes:
             first = self._capsules(pair.first, ends[pair.first])
             second = self._capsules(pair.second, ends[pair.second])
-            rows, columns = np.indices((len(first.ends), len(second.ends))).reshape(2, -1)
-            return least_distances(_selected(first, rows), _selected(second, columns))
+            first_compared, second_compared = self._compared(pair)
+            rows, columns = np.meshgrid(first_compared, second_compared, indexing="ij")
+            # What is not compared counts as infinitely far.
+            gaps_of_pair = np.full((len(first.ends), len(second.ends)), math.inf)
+            gaps_of_pair[rows, columns] = least_distances(
+                _selected(first, rows.ravel()), _selected(second, columns.ravel())
+            ).reshape(rows.shape)
+            return gaps_of_pair.ravel()
         bodies = self._site.stations[pair.first].bodies
         radii = bodies.radius.tolist()
         hangs = bodies.hangs.tolist()
@@ -1022,6 +1040,11 @@ class _Watch:
         radius = float(first.bodies.radius[k])
         obstacle = self._site.obstacles.nearest(ends[k], radius, zones=pair.second == _ZONES)
         return SiteContact(t, first.name, obstacle, first.bodies.names[k], "")
+
+
+def _of_capsules(placed: PlacedCapsules, which: np.ndarray) -> PlacedCapsules:
+    """Return some of the capsules in each row of groups of them."""
+    return replace(placed, ends=placed.ends[:, which], radius=placed.radius[:, which])
 
 
 def _selected(capsules: PlacedCapsules, rows: np.ndarray) -> PlacedCapsules:

@@ -10,7 +10,11 @@ import pinocchio as pin
 
 from cranedyn.lifts.planning.crane_bodies import shape_corners
 from cranedyn.lifts.planning.solids import Solid, hull
-from cranedyn.lifts.sites.placed_capsules import group_shapes
+from cranedyn.lifts.sites.placed_capsules import (
+    convex_parts,
+    is_bridge_crane,
+    standing_part,
+)
 from cranedyn.model.crane import Crane
 
 TOUCH_TOLERANCE = 1e-3
@@ -79,7 +83,7 @@ def _named_corners(crane: Crane, foot: np.ndarray) -> Iterator[tuple[str, np.nda
         points = np.array([data.oMi[joint].act(corner) for corner in corners])
         shapes.setdefault(joint, []).append(points @ foot[:, :3].T + foot[:, 3])
     for joint, placed in shapes.items():
-        for corners in group_shapes(placed):
+        for corners in convex_parts(crane, joint, placed):
             yield _part_name(crane, joint, load), corners
     yield "rope", rope @ foot[:, :3].T + foot[:, 3]
 
@@ -87,8 +91,10 @@ def _named_corners(crane: Crane, foot: np.ndarray) -> Iterator[tuple[str, np.nda
 def _part_name(crane: Crane, joint: int, load: int) -> str:
     """Return what a shape behind a joint is called."""
     if joint == 0:
-        return "tower"
+        return standing_part(crane)
     if joint == load:
         return "load"
+    if joint == 1 and is_bridge_crane(crane):
+        return "bridge"
     names = {"slew": "slewing part", "trolley": "trolley"}
     return names.get(crane.layout.joints[joint - 1].role, "moving part")

@@ -13,8 +13,8 @@ from cranedyn.assumptions import Assumption, Origin, check_entered
 from cranedyn.disturbances.wind import steady
 from cranedyn.lifts.sites.crane_site import CraneSite, SiteWind
 from cranedyn.lifts.sites.crane_site_file import read_crane_site
-from cranedyn.lifts.sites.promise import site_assumptions
-from cranedyn.lifts.sites.site_page import site_html
+from cranedyn.lifts.sites.promise import TRIED_REACTION, site_assumptions, unjudged_ropes
+from cranedyn.lifts.sites.site_page import site_html, site_run_checks
 from cranedyn.lifts.sites.site_simulation import simulate_site
 from cranedyn.lifts.sites.working_wind import CALM, WorkingWind
 from tests.lifts.sites.cases import site_of
@@ -75,6 +75,9 @@ def test_a_site_for_which_all_is_entered_rests_on_no_default(tmp_path: Path) -> 
     assert computed == {
         "swing by a gust of a": "2.4°; 3.5° are left to the drives",
         "swing by a gust of b": "4.7°; 1° are left to the drives",
+        # Their drives may react after 1 s, which is longer than it was tried.
+        "ropes in their largest swing": "not judged, since the drives may react too late to damp a "
+        "swing",
     }
     assumed = {x.name for x in assumptions if x.origin is Origin.ASSUMED}
     assert assumed == {"gusts", "swing of ropes", "cycle of guards", "messages", "clocks"}
@@ -112,6 +115,27 @@ def test_a_site_made_by_code_rests_on_defaults_until_somebody_says_that_they_are
     site = replace(site_of(), entered=frozenset())
     assert {"required distance", "largest swing of a rope", "wind"} <= defaults(site)
     assert Assumption("wind", "no wind", Origin.DEFAULT) in site_assumptions(site)
+
+
+def test_nothing_is_promised_of_the_rope_of_a_crane_whose_drives_react_late() -> None:
+    """Gears add 2.38 s to the 0.52 s of the converters: nobody knows that ropes stay in cones."""
+    site = site_of()
+    north, south = site.stations
+    late = replace(north, brakes=replace(north.brakes, reaction=0.52 + 2.38))
+    at_limit = replace(south, brakes=replace(south.brakes, reaction=TRIED_REACTION))
+    run = simulate_site(
+        replace(site, stations=(late, at_limit)), [lambda t, states: np.zeros(3)] * 2, duration=1.0
+    )
+    (words,) = run.broken_assumptions
+    assert words.startswith("the drives of north may react only after 2.9 s; that a guard keeps")
+    (check,) = [check for check in site_run_checks(run) if words in check.sentence]
+    assert check.holds is None
+    values = {x.name: x.value for x in site_assumptions(run.site)}
+    assert values["ropes in their largest swing of north"].startswith("not judged")
+    assert values["ropes in their largest swing of south"] == (
+        "tried for drives that react within 0.52 s"
+    )
+    assert not unjudged_ropes(site)
 
 
 def test_tolerances_of_a_site_file_are_those_of_its_brakes(tmp_path: Path) -> None:

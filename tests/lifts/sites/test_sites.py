@@ -23,7 +23,12 @@ from cranedyn.lifts.sites.crane_site_file import EXAMPLES, SITES, read_crane_sit
 from cranedyn.lifts.sites.distance_proof import proven_apart
 from cranedyn.lifts.sites.guard import BoxRequest, Guard
 from cranedyn.lifts.sites.operators import LiftOperator, reach
-from cranedyn.lifts.sites.placed_capsules import crane_bodies, place_capsules, segment_distance
+from cranedyn.lifts.sites.placed_capsules import (
+    crane_bodies,
+    place_capsules,
+    segment_distance,
+    stacked,
+)
 from cranedyn.lifts.sites.site_simulation import (
     MessageChannel,
     SiteRun,
@@ -66,7 +71,7 @@ def draw(station: Station, rng: np.random.Generator) -> np.ndarray:
 
 @slow
 # A luffing crane stands between two of the towers.
-@pytest.mark.parametrize("name", long_after(1, ["luffing_between", "two_towers"]))
+@pytest.mark.parametrize("name", long_after(2, ["luffing_between", "two_bridges", "two_towers"]))
 def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
     site = site_of(name)
     rng = np.random.default_rng(1)
@@ -96,6 +101,43 @@ def test_every_corner_of_every_shape_lies_in_a_capsule(name: str) -> None:
                     for ends, radius in zip(placed.ends, placed.radius, strict=True)
                 ]
                 assert np.min(gaps, axis=0).max() <= 1e-6
+
+
+@slow
+@pytest.mark.parametrize("swing", [0.1, 0.5])
+def test_a_wide_load_that_leans_to_any_side_and_turns_about_its_rope_lies_in_its_capsule(
+    swing: float,
+) -> None:
+    """A container 12 m long, drawn by its inertia. Two swing joints turn it by more than the rope
+    leans, and a load on a hook turns about the rope: a body about that axis covers both.
+    """
+    inertia = {"payload_ixx": 48000.0, "payload_iyy": 4800.0, "payload_izz": 48000.0}
+    crane = load_crane(values={"payload_mass": 4000.0, **inertia})
+    bodies = crane_bodies(crane, np.zeros(3), -np.pi / 2.0)
+    position = np.array([[0.4, 30.0, 12.0]])
+    load = np.array([len(bodies.names) - 1])
+    placed = place_capsules(stacked([bodies]), np.array([0]), load, position, position, swing)
+
+    data = crane.model.createData()
+    corners = np.concatenate([x for joint, x in shape_corners(crane) if joint == crane.layout.n])
+    assert np.ptp(corners, axis=0).max() > 11.0
+    rng = np.random.default_rng(3)
+    farthest = -np.inf
+    for _ in range(200):
+        # The rope leans by the largest swing: cos s = cos φ cos θ.
+        radial = rng.uniform(-swing, swing)
+        tangential = np.arccos(np.cos(swing) / np.cos(radial)) * rng.choice([-1.0, 1.0])
+        q = np.array(crane.start.q)
+        q[crane.layout.drives] = position[0]
+        q[crane.swings] = radial, tangential
+        pin.forwardKinematics(crane.model, data, q)
+        about_rope = pin.exp3(np.array([0.0, 0.0, rng.uniform(0.0, 2.0 * np.pi)]))
+        points = corners @ about_rope.T @ data.oMi[crane.layout.n].rotation.T
+        points += data.oMi[crane.layout.n].translation
+        gaps = segment_distance(points, placed.ends[0]) - placed.radius[0]
+        farthest = max(farthest, float(gaps.max()))
+    # A capsule without the swing would not hold the load.
+    assert bodies.radius[-1] - placed.radius[0] < farthest <= 1e-6
 
 
 @pytest.mark.slow
