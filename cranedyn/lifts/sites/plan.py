@@ -507,6 +507,63 @@ def _drive_limits(station: Station, swing: float) -> Limits:
     return Limits((station.converters.rates / RESERVE).tolist(), accelerations)
 
 
+class OutOfReach(OutOfRange):
+    """A goal at which the load of a crane cannot hang with its drives in their ranges.
+
+    Attributes:
+        aside: Distance in plan view by which the load would hang beside the goal at least [m].
+        rope: Length by which the rope is too long or too short where the load hangs nearest to the
+            goal [m].
+    """
+
+    def __init__(self, station: Station, goal: _Position, tried: np.ndarray) -> None:
+        """Find what is missing.
+
+        Args:
+            station: The crane.
+            goal: Goal of the centre of the load [m].
+            tried: Coordinates from which the search for a position has ended, drives outside of
+                their ranges among them, shape (k, n).
+        """
+        super().__init__(
+            f"goal of the load of {quoted(station.name)}",
+            np.round(goal, 3).tolist(),
+            f"a place where its load hangs with its drives in their ranges: {_ranges_of(station)}",
+            "m",
+        )
+        low, high = station.ranges
+        winch = station.crane.winch
+        # Each drive goes as far as its range lets it.
+        positions = np.clip(tried[:, station.crane.layout.drives], low, high)
+        _, load = station.plumb(positions)
+        aside = np.linalg.norm(load[:, :2] - np.asarray(goal)[:2], axis=1)
+        row = int(aside.argmin())
+        needed = float(load[row, 2] + positions[row, winch] - goal[2])
+        self.aside = float(aside[row])
+        self.rope = max(float(low[winch]) - needed, needed - float(high[winch]), 0.0)
+
+    @property
+    def words(self) -> str:
+        """What is missing, in words."""
+        parts = []
+        if self.aside > _SAME_POSITION_TOLERANCE:
+            parts.append(f"its load would hang {self.aside:.1f} m beside it")
+        if self.rope > _SAME_POSITION_TOLERANCE:
+            parts.append(f"its rope differs by {self.rope:.1f} m from what it would need")
+        return " and ".join(parts) or "no position of its drives was found"
+
+
+def missing_reach(station: Station, goal: _Position) -> float:
+    """Return by how much the reach of a crane is too short for a goal of its load in plan view [m],
+    0 where it reaches it.
+    """
+    try:
+        _positions_at_goal(station, tuple(station.ranges.mean(axis=0).tolist()), goal)
+    except OutOfReach as error:
+        return max(error.aside, error.rope)
+    return 0.0
+
+
 @lru_cache(maxsize=64)
 def _positions_at_goal(station: Station, begin: _Position, goal: _Position) -> list[_Position]:
     """Return the positions of the drives, at most two, at which the load hangs plumb at a goal.
@@ -521,7 +578,7 @@ def _positions_at_goal(station: Station, begin: _Position, goal: _Position) -> l
         goal: Goal of the centre of the load [m].
 
     Raises:
-        OutOfRange: If no position in the ranges of the drives is found.
+        OutOfReach: If no position in the ranges of the drives is found.
     """
     crane = station.crane
     rng = np.random.default_rng(0)
@@ -530,12 +587,7 @@ def _positions_at_goal(station: Station, begin: _Position, goal: _Position) -> l
     inside = (np.clip(q, crane.lower, crane.upper) == q).all(axis=1)
     reached = q[inside & (miss < _NEWTON_TOLERANCE)][:, crane.layout.drives]
     if not len(reached):
-        raise OutOfRange(
-            f"goal of the load of {quoted(station.name)}",
-            np.round(goal, 3).tolist(),
-            f"a place where its load hangs with its drives in their ranges: {_ranges_of(station)}",
-            "m",
-        )
+        raise OutOfReach(station, goal, q)
     times = (np.abs(reached - begin) / station.converters.rates).max(axis=1)
     reached = reached[times.argsort()]
     differs = np.abs(reached - reached[0]).max(axis=1) > _SAME_POSITION_TOLERANCE

@@ -22,6 +22,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,7 +30,15 @@ from cranedyn.errors import CraneError, OutOfRange, quoted
 from cranedyn.lifts.planning.lift import NoWay
 from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.lift_list import ANY_CRANE, ListedLift
-from cranedyn.lifts.sites.plan import SLICE, Schedule, ScheduledLift, ScheduleState, SitePlan
+from cranedyn.lifts.sites.plan import (
+    SLICE,
+    OutOfReach,
+    Schedule,
+    ScheduledLift,
+    ScheduleState,
+    SitePlan,
+    missing_reach,
+)
 
 _TIME_BEFORE_MAKING_WAY = 60.0
 """Time by which a lift may begin after the first one, and still be planned before any crane makes
@@ -157,6 +166,61 @@ class _NoCrane(NoWay):
     def __init__(self, lift: ListedLift, sentence: str) -> None:
         super().__init__(sentence)
         self.lift = lift
+
+
+class _NotReached(NoWay):
+    """A place of a lift that a crane does not reach.
+
+    Attributes:
+        where: The place, in words.
+        out_of_reach: What is missing.
+    """
+
+    def __init__(self, where: str, out_of_reach: OutOfReach) -> None:
+        super().__init__(f"cannot bring it {where}: {out_of_reach.words}")
+        self.where = where
+        self.out_of_reach = out_of_reach
+
+
+class _Refusal(NamedTuple):
+    """Why a crane cannot carry out a lift.
+
+    Attributes:
+        crane: Its name.
+        error: The reason.
+    """
+
+    crane: str
+    error: CraneError
+
+
+def _refusal_text(site: CraneSite, lift: ListedLift, refusals: Sequence[_Refusal]) -> str:
+    """Return why no crane can carry out a lift, the cranes that reach both places first, and the
+    least change of one that does not by which it would.
+    """
+    sentences = []
+    not_reached: dict[str, list[str]] = {}
+    missing: dict[str, float] = {}
+    stations = {station.name: station for station in site.stations}
+    for crane, error in refusals:
+        if not isinstance(error, _NotReached):
+            sentences.append(f"{crane} {error}")
+            continue
+        not_reached.setdefault(error.where, []).append(f"{crane} ({error.out_of_reach.words})")
+        ends = (lift.start, lift.goal)
+        missing[crane] = max(
+            missing_reach(stations[crane], tuple(np.asarray(end, dtype=float).tolist()))
+            for end in ends
+        )
+    for where, cranes in not_reached.items():
+        verb = "does" if len(cranes) == 1 else "do"
+        sentences.append(f"{', '.join(cranes)} {verb} not reach it {where}.")
+    if missing:
+        nearest = min(missing, key=lambda crane: missing[crane])
+        sentences.append(
+            f"Of these, {nearest} needs the least: {missing[nearest]:.1f} m more for both places."
+        )
+    return " ".join(sentences)
 
 
 class _ShiftPlanner:
@@ -293,20 +357,20 @@ class _ShiftPlanner:
             _NoCrane: If no crane can carry it out, whatever the others do; with the reason of each.
         """
         best: _Trial | None = None
-        refusals = []
+        refusals: list[_Refusal] = []
         cranes = self._cranes_of(lift)
         for crane in cranes:
             saved = self.schedule.saved()
             try:
                 trial = self._trial(lift, crane, cleared=cleared)
             except CraneError as error:
-                refusals.append(f"{self.site.stations[crane].name} {error}")
+                refusals.append(_Refusal(self.site.stations[crane].name, error))
                 trial = None
             self.schedule.restore(saved)
             if trial is not None and (best is None or trial.planned.end < best.planned.end):
                 best = trial
         if len(refusals) == len(cranes):
-            raise _NoCrane(lift, " ".join(refusals))
+            raise _NoCrane(lift, _refusal_text(self.site, lift, refusals))
         return best
 
     def _trial(self, lift: ListedLift, crane: int, *, cleared: bool) -> _Trial | None:
@@ -331,6 +395,8 @@ class _ShiftPlanner:
             earliest = due if place == "from" else 0.0
             try:
                 arrives = self._go(crane, goal, number, earliest, cleared=cleared)
+            except OutOfReach as error:
+                raise _NotReached(f"{place} {_place(goal)}", error) from error
             except CraneError as error:
                 raise NoWay(f"cannot bring it {place} {_place(goal)}: {error}") from error
             if not arrives:
