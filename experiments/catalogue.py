@@ -246,7 +246,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "validate": "40 s",
         "mass_ratio": "20 s",
         "linear_vs_full": "25 s",
-        "ship": "30 s",
+        "ship": "1 min",
         "cranes": "1 min",
     },
     "Control": {

@@ -21,7 +21,7 @@ from cranedyn.disturbances.wind import constant_force, steady, wind
 from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.drives import EffortDrives, ExternalForces
 from cranedyn.dynamics.equations_of_motion import point_positions
-from cranedyn.dynamics.integrators import rk4
+from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.root_motion import RootMotion, floating_model
 from cranedyn.errors import DataError, OutOfRange, RunError
 from cranedyn.interfaces import EngineName, State
@@ -104,6 +104,7 @@ def test_a_crane_accelerates_as_on_a_floating_body_whose_motion_is_given(name: s
         assert_allclose(found, expected, rtol=0.0, atol=1e-10 * np.abs(expected).max())
 
 
+@pytest.mark.slow
 def test_mujoco_accelerates_a_crane_on_a_body_whose_motion_is_given_alike() -> None:
     mujoco = pytest.importorskip("mujoco")
     from cranedyn.export import mjcf_file
@@ -123,8 +124,8 @@ def test_mujoco_accelerates_a_crane_on_a_body_whose_motion_is_given_alike() -> N
         world.remove(body)
         base.append(body)
     world.append(base)
-    for contact in root.findall("equality"):
-        root.remove(contact)
+    for constraint in root.findall("equality"):
+        root.remove(constraint)
     model = mujoco.MjModel.from_xml_string(ET.tostring(root, encoding="unicode"))
     data = mujoco.MjData(model)
     names = [joint.name for joint in one.layout.joints]
@@ -163,8 +164,18 @@ def test_mujoco_accelerates_a_crane_on_a_body_whose_motion_is_given_alike() -> N
 # --- both engines ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("drive", ["effort", "motion", "velocity"])
-@pytest.mark.parametrize("rule", [None, rk4, EXPLICIT_EULER])
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("drive", "rule"),
+    [
+        pytest.param("effort", semi_implicit_euler, id="effort, Euler"),
+        pytest.param("effort", rk4, id="effort, RK4"),
+        pytest.param("effort", EXPLICIT_EULER, id="effort, another rule"),
+        pytest.param("motion", rk4, id="motion, RK4"),
+        pytest.param("velocity", semi_implicit_euler, id="velocity, Euler"),
+        pytest.param("velocity", rk4, id="velocity, RK4"),
+    ],
+)
 def test_both_engines_move_a_crane_on_a_base_alike(drive: str, rule: Any) -> None:
     one = crane()
     start = one.state(x=12.0, l=10.0, phi=0.05)
@@ -173,15 +184,16 @@ def test_both_engines_move_a_crane_on_a_base_alike(drive: str, rule: Any) -> Non
     def waving(t: float, state: State, setpoint: Any) -> np.ndarray:
         return held(t, state, setpoint) if drive == "effort" else 0.05 * np.sin([t, 2.0 * t, t])
 
-    how: dict[str, Any] = dict(start=start, duration=2.0, drive=drive, base=SEA, dt=1e-3)
-    if rule is not None:
-        how["integrator"] = rule
+    how: dict[str, Any] = dict(
+        start=start, duration=1.0, drive=drive, base=SEA, dt=1e-3, integrator=rule
+    )
     runs = [simulate(one, waving, engine=engine, **how) for engine in ENGINES]
     for name in ("q", "v", "effort", "energy", "outside", "base"):
         plain, compiled = (getattr(run, name) for run in runs)
         assert_allclose(compiled, plain, rtol=0.0, atol=1e-11 * max(1.0, np.abs(plain).max()))
 
 
+@pytest.mark.slow
 def test_buffers_act_on_a_moving_base_alike_in_both_engines() -> None:
     # Where a buffer acts, small steps replace each step of RK4: they must know the time within it.
     one = crane()
@@ -200,6 +212,7 @@ def test_buffers_act_on_a_moving_base_alike_in_both_engines() -> None:
     assert_allclose(runs[1].outside, runs[0].outside, rtol=0.0, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_rope_catches_its_load_on_a_heaving_base_where_its_ends_meet() -> None:
     # In coarse steps, too: the pieces of a step know when in the step they begin. The load falls
     # freely while the base heaves, and the closed form says when the rope has no more slack.
@@ -237,6 +250,7 @@ def test_a_rope_catches_its_load_on_a_heaving_base_where_its_ends_meet() -> None
     assert_allclose(found, expected, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_wind_blows_against_the_motion_of_the_base_in_both_engines() -> None:
     # a base that drives into calm air as fast as the wind blows at a crane at rest
     one = crane()
@@ -282,6 +296,7 @@ def rising(column: int, acceleration: float) -> BaseMotion:
     return BaseMotion(function)
 
 
+@pytest.mark.slow
 def test_a_base_at_rest_changes_nothing() -> None:
     one = crane()
     start = one.state(x=12.0, l=10.0, phi=0.1)
@@ -303,6 +318,7 @@ LIFTED = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", LIFTED)
 def test_a_base_that_accelerates_upwards_is_more_gravity(name: str) -> None:
     # Einstein's lift, through the phases of a rope that goes slack and catches the load, too
@@ -326,6 +342,7 @@ def test_a_base_that_accelerates_upwards_is_more_gravity(name: str) -> None:
         assert_allclose(found.effort, expected.effort, rtol=1e-8, atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_load_on_a_deck_that_rises_stands_as_under_more_gravity() -> None:
     extra = 1.5
     corners = [(x, y, -0.5) for x in (-0.5, 0.5) for y in (-0.5, 0.5)]
@@ -354,6 +371,7 @@ def test_a_load_on_a_deck_that_rises_stands_as_under_more_gravity() -> None:
     assert_allclose(lifted.q, standing.q, rtol=0.0, atol=1e-8)
 
 
+@pytest.mark.slow
 def test_a_base_that_yaws_is_a_jib_that_slews() -> None:
     # Coriolis, centrifugal and Euler forces: the slew turns about the axis of the yaw
     one = crane()
@@ -398,6 +416,7 @@ def trace_over_a_period(one: Crane, length: float, motion: BaseMotion, period: f
     return trace
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("boundary", [mathieu_b, mathieu_a])
 def test_a_pendulum_on_a_heaving_pivot_has_mathieus_boundaries(boundary: Any) -> None:
     # y'' + (a - 2 q cos 2τ) y = 0 with τ = ω t/2, a = 4 g/(l ω²), q = 2 A/l: at both boundaries of
@@ -428,6 +447,7 @@ def test_heave_inside_the_first_tongue_makes_a_swing_grow_at_the_rate_of_theory(
     assert rate == pytest.approx(q * omega / 4.0, rel=q)  # the next term of the series
 
 
+@pytest.mark.slow
 def test_a_rolling_base_swings_a_load_as_the_linear_response_says() -> None:
     # Roll about X moves the pivot at the height h sideways by -h φ; the load answers as a pendulum
     # whose pivot is driven: (ω0² - ω²) β = -ω² h φ/l with the angle β in the world.
@@ -493,6 +513,7 @@ def test_the_work_of_the_base_closes_the_energy_in_the_world() -> None:
     assert fine == pytest.approx(coarse / 4.0, rel=0.05)
 
 
+@pytest.mark.slow
 def test_a_run_keeps_the_motion_of_its_base_in_its_files(tmp_path: Any) -> None:
     one = crane()
     run = quickly(one, hold_controller(one), duration=0.1, base=SEA)
@@ -525,6 +546,7 @@ def test_a_stepper_moves_a_crane_on_a_base_as_a_run_does() -> None:
         assert_allclose(stepper.state.q, run.q[1], rtol=0.0, atol=1e-13)
 
 
+@pytest.mark.slow
 def test_many_cranes_on_one_base_move_as_each_alone() -> None:
     from cranedyn.compiled.batch import simulate_batch
 
@@ -543,6 +565,7 @@ def test_many_cranes_on_one_base_move_as_each_alone() -> None:
         assert_allclose(batch.q[row], alone.q, rtol=0.0, atol=1e-11)
 
 
+@pytest.mark.slow
 def test_each_crane_of_a_batch_may_stand_on_a_base_of_its_own() -> None:
     from cranedyn.compiled.batch import simulate_batch
 
@@ -599,6 +622,7 @@ def test_a_function_that_fails_on_the_way_ends_a_run_with_its_rows() -> None:
 # --- what follows a run ---------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_what_knows_no_base_that_moves_refuses_such_a_run(tmp_path: Any) -> None:
     from cranedyn.identification.checked_record import load_record
     from cranedyn.lifts.judging.loads import loads
@@ -613,6 +637,7 @@ def test_what_knows_no_base_that_moves_refuses_such_a_run(tmp_path: Any) -> None
         load_record(file, one)
 
 
+@pytest.mark.slow
 def test_an_mcap_file_has_the_root_of_the_crane_in_the_world(tmp_path: Any) -> None:
     pytest.importorskip("mcap", reason="extra mcap is not installed")
     from mcap_ros2.reader import read_ros2_messages
