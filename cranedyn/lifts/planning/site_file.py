@@ -16,6 +16,7 @@ from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.crane_bodies import neighbour
+from cranedyn.lifts.planning.plan_details import GroundDetails, PlanDetails
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
     CRANE_HEADING,
@@ -110,6 +111,7 @@ def read_site(path: str | Path) -> Site:
         spread=_spread(tables["uncertainty"]),
         chart=chart_of(crane),
         falls=rigging.whole("falls") if "falls" in rigging.values else None,
+        details=PlanDetails(ground=GroundDetails(north=_north(tables["ground"]))),
         entered=_entered(tables),
     )
     return _plausible(site, tables)
@@ -131,6 +133,15 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
             top.fail(name, "it must be a table.")
         tables[name] = SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
     return tables
+
+
+def _north(ground: SiteTable) -> float | None:
+    """Return the bearing of the Y axis of the site, clockwise from north [rad]; None if it is not
+    entered.
+    """
+    if "north" not in ground.values:
+        return None
+    return ground.angle("north", allowed="-360 to 360")
 
 
 def _description(crane: SiteTable) -> DescribedCrane | None:
@@ -341,7 +352,7 @@ def read_fields(
 
 
 _FIELDS = {
-    "ground": ["height"],
+    "ground": ["height", "north"],
     "crane": [
         *("kind", "file", "machine", "driven", "locked"),
         *("position", "heading", "yaw", "values", "chart"),
