@@ -117,19 +117,26 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
-    """Write the page and, where a browser is installed, the PDF; return the exit code.
+    """Write the page, the drawings as DXF where ezdxf is installed, and the PDF where a browser is;
+    return the exit code.
 
     Args:
         judgement: The judged lift.
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
     """
+    from cranedyn.lifts.judging.drawings import NoDxf, write_drawings
     from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
     for sentence in judgement.analysis.unusual:
         print(f"Unusual: {sentence}")
     print(f"{judgement.word}: {page}.")
+    try:
+        for drawing in write_drawings(judgement.analysis, folder):
+            print(f"For CAD: {drawing}.")
+    except NoDxf as error:
+        print(f"No DXF: {error}", file=sys.stderr)
     try:
         print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")
     except NoBrowser as error:

@@ -56,10 +56,6 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
     """Return all figures of a lift by name."""
     certificate = analysis.certificate
     captioned = {
-        "site": (
-            site_views(certificate),
-            "Plan and elevations of the site with the way of the load.",
-        ),
         "clearance": (clearance_over_time(certificate), "Clearance and swing over time."),
         "loads": (
             draw_loads(analysis),

@@ -23,6 +23,7 @@ from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.drawings import sheets
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_tables import Table
 from cranedyn.lifts.judging.load_joints import LoadJoints
@@ -96,6 +97,7 @@ def lift_html(
         tables=page_tables(tables),
         figures=page_figures(figures),
         limits=limits_of(analysis),
+        sheets=sheets(analysis),
         command=command,
         versions=_versions(),
     )

@@ -100,7 +100,8 @@ class Canvas:
         """Write a text whose baseline begins, ends or has its middle at a point.
 
         Args:
-            x, y: The point.
+            x: Distance of the point from the left edge [mm].
+            y: Its distance from the upper edge [mm].
             text: The text.
             anchor: "start", "middle" or "end".
             bold: Whether it is bold.

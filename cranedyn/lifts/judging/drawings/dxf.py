@@ -8,7 +8,7 @@ from typing import Any
 
 from cranedyn.data.files import atomic_write
 from cranedyn.errors import CraneError
-from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Layer, Polyline
+from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Label, Layer, Polyline
 from cranedyn.lifts.judging.drawings.labels import CIRCLE_RADIUS, FONT_SIZE, PlacedText, place_texts
 from cranedyn.lifts.judging.drawings.sheet import STYLES, choose_layout
 
@@ -41,6 +41,26 @@ def write_dxf(drawing: Drawing, path: Path) -> Path:
 
     scale = choose_layout(drawing).scale
     metres = 1e-3 * scale  # on site, for a millimetre on paper
+    document = _document(ezdxf, metres)
+    space = document.modelspace()
+    for primitive in drawing.primitives:
+        if isinstance(primitive, Dimension):
+            _add_dimension(space, primitive, metres)
+        elif not isinstance(primitive, Label):
+            _add_lines(space, primitive)
+    for placed in place_texts(drawing, scale):
+        # The text of a dimension is part of it.
+        if placed.layer != "dimensions" or placed.text not in _dimension_texts(drawing):
+            _add_text(space, placed, metres)
+    with atomic_write(path) as draft:
+        document.saveas(draft)
+    return path
+
+
+def _document(ezdxf: Any, metres: float) -> Any:
+    """Return an empty document in metres with all layers; `metres` are on site for a millimetre on
+    paper.
+    """
     document = ezdxf.new("R2010", setup=True)
     document.units = _METRES
     document.header["$LTSCALE"] = 5.0 * metres
@@ -51,25 +71,19 @@ def write_dxf(drawing: Drawing, path: Path) -> Path:
         entry.dxf.lineweight = 50 if stroke.width >= 0.45 else 25
         if stroke.dashes:
             entry.dxf.linetype = "DASHED"
-    space = document.modelspace()
-    for primitive in drawing.primitives:
-        attributes = {"layer": primitive.layer}
-        if isinstance(primitive, Polyline):
-            space.add_lwpolyline(primitive.points, close=primitive.closed, dxfattribs=attributes)
-        elif isinstance(primitive, Arc) and primitive.is_circle:
-            space.add_circle(primitive.centre, primitive.radius, dxfattribs=attributes)
-        elif isinstance(primitive, Arc):
-            start, end = math.degrees(primitive.start), math.degrees(primitive.end)
-            space.add_arc(primitive.centre, primitive.radius, start, end, dxfattribs=attributes)
-        elif isinstance(primitive, Dimension):
-            _add_dimension(space, primitive, metres)
-    for placed in place_texts(drawing, scale):
-        # The text of a dimension is part of it.
-        if placed.layer != "dimensions" or placed.text not in _dimension_texts(drawing):
-            _add_text(space, placed, metres)
-    with atomic_write(path) as draft:
-        document.saveas(draft)
-    return path
+    return document
+
+
+def _add_lines(space: Any, primitive: Polyline | Arc) -> None:
+    """Add lines, an arc or a circle."""
+    attributes = {"layer": primitive.layer}
+    if isinstance(primitive, Polyline):
+        space.add_lwpolyline(primitive.points, close=primitive.closed, dxfattribs=attributes)
+    elif primitive.is_circle:
+        space.add_circle(primitive.centre, primitive.radius, dxfattribs=attributes)
+    else:
+        start, end = math.degrees(primitive.start), math.degrees(primitive.end)
+        space.add_arc(primitive.centre, primitive.radius, start, end, dxfattribs=attributes)
 
 
 def _dimension_texts(drawing: Drawing) -> set[str]:

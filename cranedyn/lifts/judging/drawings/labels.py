@@ -85,7 +85,7 @@ def place_texts(drawing: Drawing, scale: float) -> list[PlacedText]:
         if np.any(anchor < low) or np.any(anchor > high):
             continue  # what it names is not on the paper
         half = _half_size(label)
-        centre = _free_place(anchor, half, taken, low, high)
+        centre = _free_place(anchor, half, taken, low, high, in_circle=label.in_circle)
         taken.append(np.concatenate([centre - half - _GAP / 2.0, centre + half + _GAP / 2.0]))
         leader = None
         to_box = np.clip(anchor, centre - half, centre + half)
@@ -98,9 +98,9 @@ def place_texts(drawing: Drawing, scale: float) -> list[PlacedText]:
 
 def _texts_in_order(drawing: Drawing) -> list[Label]:
     """Return all texts in the order in which they choose their places."""
-    numbers = []
-    dimensions = []
-    names = []
+    numbers: list[Label] = []
+    dimensions: list[Label] = []
+    names: list[Label] = []
     for primitive in drawing.primitives:
         if isinstance(primitive, Dimension):
             start, end = primitive.line
@@ -119,7 +119,13 @@ def _half_size(label: Label) -> np.ndarray:
 
 
 def _free_place(
-    anchor: np.ndarray, half: np.ndarray, taken: list[np.ndarray], low: np.ndarray, high: np.ndarray
+    anchor: np.ndarray,
+    half: np.ndarray,
+    taken: list[np.ndarray],
+    low: np.ndarray,
+    high: np.ndarray,
+    *,
+    in_circle: bool,
 ) -> np.ndarray:
     """Return the middle of the first place for a text at which it covers nothing [mm], shape (2,),
     or of the one at which it covers least.
@@ -128,10 +134,13 @@ def _free_place(
         anchor: What it names, shape (2,).
         half: Half of its width and height, shape (2,).
         taken: Boxes that are taken: left, bottom, right, top.
-        low, high: Corners of the area for texts, shape (2,) each.
+        low: Lower left corner of the area for texts, shape (2,).
+        high: Its upper right corner, shape (2,).
+        in_circle: Whether the text is the number of a position, which stands beside what it names
+            to leave the load visible.
     """
     best = (math.inf, anchor)
-    for ring in _RINGS:
+    for ring in _RINGS[1:] if in_circle else _RINGS:
         for k in range(_DIRECTIONS if ring else 1):
             angle = 2.0 * math.pi * k / _DIRECTIONS
             # The box touches the ring with its near side, so that wide texts do not cover it.

@@ -12,9 +12,9 @@ from cranedyn.lifts.planning.timing import STEP
 MAX_POSITIONS = 8
 """Largest number of positions; more numbers on one drawing cannot be told apart."""
 
-_LEAST_ROWS = 25
-"""Least number of rows of the motion between two positions, half a second: what turns sooner again
-is one turn for whoever stands beside the crane."""
+_LEAST_ROWS = 100
+"""Least number of rows of the motion between two positions, two seconds: what turns sooner again is
+one turn for whoever stands beside the crane."""
 
 
 @dataclass(frozen=True)
@@ -54,7 +54,7 @@ def positions_of(analysis: LiftAnalysis) -> list[Position]:
             named[row] = "turning point"
 
     centres = analysis.site.to_site(lift.clearance.point(places))
-    positions = []
+    positions: list[Position] = []
     for row in sorted(named):
         number = len(positions) + 1
         position = Position(number, named[row], row, STEP * row, places[row], centres[row])

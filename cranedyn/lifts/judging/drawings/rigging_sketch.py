@@ -123,7 +123,7 @@ def rigging_sheet(site: Site, block: TitleBlock) -> Sheet:
     letters = int((paper.width - 2.0 * MARGIN - 6.0) / text_width("x"))
     lines = [line for note in _notes(site) for line in textwrap.wrap(note, letters)]
     canvas.lines_of_text(MARGIN + 3.0, MARGIN + 32.0 + _SKETCH_HEIGHT, lines, LINE)
-    title_block(canvas, block, "none")
+    title_block(canvas, block, "not to scale")
     return Sheet("rigging", "Rigging", canvas.svg, paper.width, paper.height)
 
 

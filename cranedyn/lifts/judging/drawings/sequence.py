@@ -31,7 +31,7 @@ from cranedyn.lifts.planning.timing import STEP
 STEPS_ON_SHEET = 4
 """Number of steps on a sheet."""
 
-_LEAST_WAY = 0.05
+_LEAST_WAY = 0.1
 """Way of a drive up to which a step does not tell it [m]."""
 
 _LEAST_TURN = math.radians(0.5)
@@ -131,11 +131,9 @@ def _hoisting(scene: LiftScene, index: int, places: np.ndarray) -> str:
     heights = [float(s.load[:, 2].min()) - ground for s in scene.shapes[index : index + 2]]
     length = float(places[-1, 2] - places[0, 2])
     verb = "Lower" if length > 0.0 else "Hoist"
-    luffs = any(
-        clearance.crane.layout.driven[i].axis[2] == 0.0
-        and clearance.crane.layout.driven[i].kind == "revolute"
-        for i in range(2)
-    )
+    luffs = False
+    for i, joint in enumerate(clearance.crane.layout.driven[:2]):
+        luffs = luffs or (joint.kind == "revolute" and i != clearance.turning)
     if luffs:
         sentence = f"{verb} {abs(length):.1f} m of rope"
     else:
@@ -201,7 +199,7 @@ def sequence_sheet(scene: LiftScene, page: int, block: TitleBlock) -> Sheet:
     letters = int((paper.width - 2.0 * MARGIN - 100.0) / text_width("x"))
     lines = [line for note in notes for line in textwrap.wrap(note, letters)]
     canvas.lines_of_text(MARGIN + 3.0, paper.height - MARGIN - 36.0, lines, LINE)
-    title_block(canvas, block, "none")
+    title_block(canvas, block, "not to scale")
     return Sheet(name, title, canvas.svg, paper.width, paper.height)
 
 

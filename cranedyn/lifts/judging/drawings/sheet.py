@@ -1,4 +1,4 @@
-"""Sheets of paper: a drawing to a scale, with its title block, scale bar, axes or north, and notes."""
+"""Sheets of paper: a drawing to a scale, with title block, scale bar, axes or north, notes."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from markupsafe import Markup
 
 from cranedyn.errors import DataError
 from cranedyn.lifts.judging.drawings.canvas import INK, THIN, Canvas, Stroke
@@ -79,7 +80,7 @@ STYLES: dict[Layer, Stroke] = {
     "exclusion": Stroke("#b3261e", 0.5, "5 2"),
     "envelope": Stroke("#0b5cad", 0.3, "2 1.2"),
     "reach": Stroke("#777777", 0.2, "6 1.5 0.8 1.5"),
-    "crane": Stroke(INK, 0.4, fill="#9aa3ad", opacity=0.45),
+    "crane": Stroke(INK, 0.25, fill="#9aa3ad", opacity=0.45),
     "crane later": Stroke("#777777", 0.25, "2.5 1.2"),
     "path": Stroke("#0b5cad", 0.45),
     "load": Stroke("#9a4a00", 0.35, fill="#f0a04b", opacity=0.7),
@@ -113,6 +114,11 @@ class Sheet:
     svg: str
     width_mm: float
     height_mm: float
+
+    @property
+    def markup(self) -> Markup:
+        """The page as a part of an HTML document; its texts are escaped already."""
+        return Markup(self.svg)
 
 
 @dataclass(frozen=True)
@@ -238,8 +244,10 @@ def draw(
         canvas: The page.
         drawing: The drawing.
         scale: The scale, such as 200.
-        left, top: Upper left corner of the rectangle.
-        width, height: Its size.
+        left: Left edge of the rectangle.
+        top: Its upper edge.
+        width: Its width.
+        height: Its height.
         names: Whether texts are written that are no numbers of positions.
     """
     per_metre = 1e3 / scale

@@ -6,6 +6,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 import shapely
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
@@ -43,6 +44,9 @@ _EDGE = 2.0
 
 _BEYOND_REACH = 15.0
 """Distance beyond the reach of the crane up to which obstacles are shown whole [m]."""
+
+_DIMENSION_SPACING = 0.05
+"""Distance between dimension lines over the height of what is drawn."""
 
 _REACH_SAMPLES = 61
 """Positions of the drive that carries the rope in and out, from which its reach is taken."""
@@ -130,9 +134,7 @@ def _nearest_points(analysis: LiftAnalysis) -> NearestPoints | None:
     """Return the nearest points of the certified pair of bodies, in the frame of the crane."""
     certificate = analysis.certificate
     clearance = certificate.lift.clearance
-    row = min(
-        int(np.searchsorted(certificate.run.t, certificate.nearest_t)), len(certificate.run.t) - 1
-    )
+    row = int(np.abs(certificate.run.t - certificate.nearest_t).argmin())
     q = certificate.run.q[row]
     pairs = []
     for pair in clearance.nearest_points(q, math.inf):
@@ -387,6 +389,9 @@ def frame_of(primitives: list[Primitive], centre: Point, limit: float) -> tuple[
     """
     points = []
     for primitive in primitives:
+        if isinstance(primitive, Dimension):
+            points.append(np.array(primitive.line))
+            continue
         if not isinstance(primitive, Polyline) or primitive.layer in ("reach", "ground"):
             continue
         corners = np.array(primitive.points)
@@ -486,7 +491,7 @@ def elevation_view(scene: LiftScene) -> Drawing:
         primitives.append(polyline("load", plane.flat(rope)))
         centre = as_point(plane.flat(position.centre))
         primitives.append(Label("load", centre, str(position.number), True))
-    primitives += _elevation_dimensions(scene)
+    primitives += _elevation_dimensions(scene, primitives)
 
     origin = (0.0, site.ground)
     low, high = frame_of(primitives, origin, _BEYOND_REACH + scene.clearance.reach[1])
@@ -604,12 +609,15 @@ def _crane_in_elevation(scene: LiftScene) -> list[Primitive]:
     return drawn
 
 
-def _elevation_dimensions(scene: LiftScene) -> list[Primitive]:
+def _elevation_dimensions(scene: LiftScene, drawn_before: list[Primitive]) -> list[Primitive]:
     """Return hook heights, the length of the jib or boom, and the least distance."""
     ground = scene.analysis.site.ground
     drawn: list[Primitive] = []
-    told = sorted({0, scene.highest, len(scene.positions) - 1})
-    for i in told:
+    # Heights stand to the right of all that is drawn, one beside the other, the lowest first.
+    low, high = frame_of(drawn_before, (0.0, ground), _BEYOND_REACH + scene.clearance.reach[1])
+    spacing = _DIMENSION_SPACING * (high[1] - low[1])
+    told = sorted({0, scene.highest, len(scene.positions) - 1}, key=scene.hook_height)
+    for k, i in enumerate(told):
         plane = plane_at(scene, i)
         along, bottom = plane.flat(scene.shapes[i].hook).min(axis=0).tolist()
         drawn.append(
@@ -617,7 +625,8 @@ def _elevation_dimensions(scene: LiftScene) -> list[Primitive]:
                 "dimensions",
                 (along, ground),
                 (along, bottom),
-                f"hook +{scene.hook_height(i):.2f} m",
+                f"hook +{scene.hook_height(i):.2f} m at {scene.positions[i].number}",
+                offset=-(high[0] + k * spacing - along),
             )
         )
     drawn += _jib_dimension(scene)
@@ -679,9 +688,7 @@ def _span_dimension(scene: LiftScene) -> list[Primitive]:
 
 
 def _joint_origin(clearance: Clearance, place: np.ndarray, drive: int) -> np.ndarray:
-    """Return the origin of the joint of a drive at a place, in the frame of the site, shape (3,)."""
-    import pinocchio as pin
-
+    """Return the origin of the joint of a drive at a place, in the frame of the site [m]."""
     data = clearance.crane.model.createData()
     pin.forwardKinematics(clearance.crane.model, data, clearance.q(place))
     joint = int(clearance.drive_joints[drive])
