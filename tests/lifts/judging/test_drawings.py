@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
+import sys
 import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
@@ -211,7 +213,7 @@ def test_dxf_files_hold_each_obstacle_at_its_coordinates(tmp_path: Path) -> None
 
 
 def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(__import__("sys").modules, "ezdxf", None)
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(NoDxf, match="pip install"):
         write_drawings(scene().analysis, tmp_path)
     assert not list(tmp_path.iterdir())
@@ -220,7 +222,7 @@ def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.M
 def test_the_steps_of_the_sequence_add_up_to_the_lift() -> None:
     steps = steps_of(scene())
     assert [step.number for step in steps] == list(range(2, len(scene().positions) + 1))
-    for before, after in zip(steps, steps[1:], strict=False):
+    for before, after in itertools.pairwise(steps):
         assert before.ends == after.begins
     text = " ".join(sentence for step in steps for sentence in step.movements)
     # From Y = -12 to Y = 12 on the +X side: counter-clockwise, to the left.

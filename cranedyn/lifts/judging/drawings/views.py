@@ -498,7 +498,9 @@ def elevation_view(scene: LiftScene) -> Drawing:
     low = (low[0], min(low[1], site.ground - _EDGE))
     ground = np.array([[low[0], site.ground], [high[0], site.ground]])
     primitives.insert(0, polyline("ground", ground))
-    primitives.append(Label("ground", (low[0] + 1.0, site.ground), f"ground {site.ground:+.1f} m"))
+    primitives.append(
+        Label("ground", (low[0] + 3.0, site.ground - 0.5 * _EDGE), f"ground {site.ground:+.1f} m")
+    )
     title = "Elevation in the plane of the jib" if turns else "Elevation, cross section"
     axes = ("radius", "height") if turns else ("across", "height")
     notes = (*_position_notes(scene), *_elevation_notes(turns=turns))
