@@ -8,7 +8,7 @@ from html import escape
 
 import numpy as np
 
-from cranedyn.lifts.judging.drawings.labels import FONT_SIZE
+from cranedyn.lifts.judging.drawings.labels import FONT_SIZE, text_width
 
 INK = "#111111"
 """Colour of lines and texts that have none of their own."""
@@ -45,6 +45,13 @@ class Stroke:
 
 THIN = Stroke(width=0.18)
 """Lines of frames, leaders and rulings."""
+
+
+_BEHIND_TEXT = Stroke("none", fill="#ffffff", opacity=0.7)
+"""What makes the lines behind a text pale."""
+
+_SHARE_BEFORE = {"start": 0.0, "middle": 0.5, "end": 1.0}
+"""Share of a text that stands before its point, by where that is."""
 
 
 @dataclass(eq=False)
@@ -107,13 +114,17 @@ class Canvas:
             bold: Whether it is bold.
             size: Size of its letters.
             colour: Its colour.
-            halo: Whether lines behind it are covered by a rim of white.
+            halo: Whether lines behind it are made pale.
         """
         weight = ' font-weight="bold"' if bold else ""
-        rim = ' stroke="#fff" stroke-width="0.9" paint-order="stroke"' if halo else ""
+        if halo:
+            # A box behind it and no rim around its letters, which would be a second text in a PDF.
+            width = text_width(text) * size / FONT_SIZE
+            left = x - width * _SHARE_BEFORE[anchor]
+            self.box(left, y - 0.85 * size, width, 1.1 * size, _BEHIND_TEXT)
         self.elements.append(
             f'<text x="{x:.3f}" y="{y:.3f}" text-anchor="{anchor}" font-size="{size:g}" '
-            f'fill="{colour}"{weight}{rim}>{escape(text)}</text>'
+            f'fill="{colour}"{weight}>{escape(text)}</text>'
         )
 
     def lines_of_text(self, x: float, y: float, lines: Sequence[str], spacing: float) -> None:
