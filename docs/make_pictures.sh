@@ -79,6 +79,7 @@ for page in ("tutorial/first_lift.md",):
     Path(sys.argv[1], f"{path.stem}.toml").write_text(table, encoding="utf-8")
 PYTHON
 "$python" -m experiments.lift_report --site "$work/first_lift.toml" --lifts 50 --gusts 1 --out "$work/first_lift" || test $? = 1  # no go
+"$python" -m experiments.lift --site "$work/first_lift.toml" --lifts 0 --out "$work/first_lift_site" || test $? = 1  # risk not judged
 "$python" -m experiments.lift_report --site signed_lift --lifts 400 --gusts 2 --out "$work/signed_lift"
 "$python" - "$work" <<'PYTHON'
 import io
@@ -90,7 +91,7 @@ from PIL import Image
 from selenium import webdriver
 
 work = Path(sys.argv[1])
-yard = Image.open(work / "first_lift" / "site.png").convert("RGB")
+yard = Image.open(work / "first_lift_site" / "site_first_lift.png").convert("RGB")
 yard = yard.resize((yard.width * 4 // 5, yard.height * 4 // 5), Image.Resampling.LANCZOS)
 yard.quantize(64).save("docs/pictures/first_lift.png", optimize=True)
 options = webdriver.ChromeOptions()

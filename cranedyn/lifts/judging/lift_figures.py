@@ -64,10 +64,6 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
     """Return all figures of a lift by name."""
     certificate = analysis.certificate
     captioned = {
-        "site": (
-            site_views(certificate),
-            "Plan and elevations of the site with the way of the load.",
-        ),
         "clearance": (clearance_over_time(certificate), "Clearance and swing over time."),
         "loads": (
             draw_loads(analysis),
@@ -321,7 +317,8 @@ def scenery(certificate: Certificate, *, begins: float = 0.0) -> Scenery:
     """
     lift = certificate.lift
     clearance = lift.clearance
-    mark = clearance.site.distance + 2.0 * clearance.envelope(float(lift.ends[:, 2].mean()))
+    cable = float(clearance.cable(clearance.q(lift.ends)).mean())
+    mark = clearance.site.distance + 2.0 * clearance.envelope(cable)
     obstacles = []
     for solid in clearance.solids:
         times: list[float] = []
@@ -349,16 +346,18 @@ def _swept_boxes(lift: Lift) -> dict[str, np.ndarray]:
     points = clearance.point(drive_positions)
     arc = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(points, axis=0), axis=1))])
     rows = np.unique(np.searchsorted(arc, np.arange(0.0, arc[-1], _BOX_SPACING)))
-    load = clearance.bodies.load
-    envelope = np.array([clearance.envelope(length) for length in drive_positions[rows, 2]])
-    slew = drive_positions[rows, 0]
-    # The point below the rope need not be the middle of the box, which slews with the load.
+    # Corners of the load along the axes that it has with all drives at zero, from which it turns.
+    load = clearance.bodies.load @ clearance.bodies.hook_turn.T
+    cables = clearance.cable(clearance.q(drive_positions[rows]))
+    envelope = clearance.envelope(cables)
+    yaw = clearance.load_turn(drive_positions[rows])
+    # The point below the rope need not be the middle of the box, which turns with the load.
     middle = (load.min(axis=0) + load.max(axis=0)) / 2.0
-    offsets = np.array([rotation_z(angle) @ middle for angle in slew])
+    offsets = np.array([rotation_z(angle) @ middle for angle in yaw])
     return {
         "centres": points[rows] + offsets,
         "sizes": np.ptp(load, axis=0) + 2.0 * envelope[:, None],
-        "yaw": slew,
+        "yaw": yaw,
     }
 
 

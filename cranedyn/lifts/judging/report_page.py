@@ -23,6 +23,7 @@ from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.drawings import sheets
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -127,6 +128,7 @@ def lift_html(
         tables=list(named.values()),
         figures=page_figures(figures),
         limits=limits_of(analysis),
+        sheets=sheets(analysis),
         command=command,
         versions=_versions(),
         plan=plan,

@@ -336,6 +336,17 @@ class Clearance(ABC):
                 an iteration begins.
         """
 
+    def load_turn(self, drive_position: np.ndarray) -> np.ndarray:
+        """Return the angle by which the load is turned about the vertical from where it is with all
+        drives at zero [rad], shape (...), at places, shape (..., 3). It is zero for a crane that
+        does not turn; whether its first drive slides or not says nothing about that.
+        """
+        drive_position = np.asarray(drive_position, dtype=float)
+        if self.turning is None:
+            return np.zeros(drive_position.shape[:-1])
+        axis = self.crane.layout.driven[self.turning].axis
+        return math.copysign(1.0, axis[2]) * drive_position[..., self.turning]
+
     # --- bounds of motions ------------------------------------------------------------------------
 
     @abstractmethod

@@ -54,7 +54,7 @@ SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "certifica
 SPREADER_FIELDS = ("mass", "name", "height", "limit")
 """Fields of [rigging.spreader]."""
 
-GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat")
+GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat", "north")
 """Fields of [ground] beside its height."""
 
 LIMIT_FIELDS = ("chart_share", "wind", "over_people", "over_services", "blind")
@@ -189,6 +189,9 @@ def _ground(ground: SiteTable) -> GroundDetails:
         pressure_source=ground.optional_text("pressure_source"),
         mat_length=None if mat is None else mat[0],
         mat_width=None if mat is None else mat[1],
+        north=(
+            ground.angle("north", allowed="-360 to 360") if "north" in ground.values else None
+        ),
     )
 
 

@@ -170,12 +170,14 @@ class GroundDetails:
         pressure_source: Where that is from, such as the number of a soil report.
         mat_length: Length of the mat under each corner or outrigger [m].
         mat_width: Width of that mat [m].
+        north: Bearing of the Y axis of the site, clockwise from north [rad].
     """
 
     permitted_pressure: float | None = None
     pressure_source: str | None = None
     mat_length: float | None = None
     mat_width: float | None = None
+    north: float | None = None
 
 
 @dataclass(frozen=True)

@@ -1,0 +1,75 @@
+"""Scaled drawings of a planned lift: plan, elevation, sequence and rigging on sheets of paper, and
+plan and elevation as DXF files.
+
+Begin with `sheets`, and with `write_drawings` for the files. `views` makes the two drawings, which
+know neither paper nor file formats; `sheet` and `dxf` draw them.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.drawings.drawing import Drawing
+from cranedyn.lifts.judging.drawings.dxf import NoDxf, write_dxf
+from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_sheet
+from cranedyn.lifts.judging.drawings.sequence import sequence_sheet, sequence_sheet_count
+from cranedyn.lifts.judging.drawings.sheet import (
+    DrawingTooLarge,
+    Sheet,
+    TitleBlock,
+    drawing_sheet,
+)
+from cranedyn.lifts.judging.drawings.views import LiftScene, elevation_view, plan_view
+
+__all__ = [
+    "Drawing",
+    "DrawingTooLarge",
+    "LiftScene",
+    "NoDxf",
+    "Sheet",
+    "drawings",
+    "sheets",
+    "write_drawings",
+]
+
+
+def drawings(analysis: LiftAnalysis) -> list[Drawing]:
+    """Return plan and elevation of a lift, in metres."""
+    scene = LiftScene.of(analysis)
+    return [plan_view(scene), elevation_view(scene)]
+
+
+def sheets(analysis: LiftAnalysis) -> list[Sheet]:
+    """Return the sheets of a lift: plan and elevation to scale, the sequence, the rigging.
+
+    Raises:
+        DrawingTooLarge: If plan or elevation fits on no A3 sheet.
+    """
+    scene = LiftScene.of(analysis)
+    of_sequence = sequence_sheet_count(scene)
+    count = 3 + of_sequence
+    details = analysis.site.details
+
+    def block(number: int) -> TitleBlock:
+        return TitleBlock(analysis.site.name, details.job, details.people.prepared, number, count)
+
+    made = [
+        drawing_sheet(plan_view(scene), block(1)),
+        drawing_sheet(elevation_view(scene), block(2)),
+    ]
+    for page in range(of_sequence):
+        made.append(sequence_sheet(scene, page, block(3 + page)))
+    made.append(rigging_sheet(analysis.site, block(count)))
+    return made
+
+
+def write_drawings(analysis: LiftAnalysis, folder: Path) -> list[Path]:
+    """Write plan and elevation as ``lift_plan.dxf`` and ``lift_elevation.dxf`` into a folder.
+
+    Raises:
+        NoDxf: If ezdxf is not installed.
+        DrawingTooLarge: If one fits on no A3 sheet, so that its texts have no size.
+        DataError: If a file cannot be written.
+    """
+    return [write_dxf(made, folder / f"lift_{made.name}.dxf") for made in drawings(analysis)]

@@ -1,0 +1,85 @@
+"""The numbered positions of a lift: where it begins, turns, is nearest to an obstacle, and ends."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.planning.timing import STEP
+
+MAX_POSITIONS = 8
+"""Largest number of positions; more numbers on one drawing cannot be told apart."""
+
+_LEAST_ROWS = 100
+"""Least number of rows of the motion between two positions, two seconds: what turns sooner again is
+one turn for whoever stands beside the crane."""
+
+
+@dataclass(frozen=True)
+class Position:
+    """A numbered position of a lift.
+
+    Attributes:
+        number: Its number, from 1.
+        name: What it is, such as "pick-up".
+        row: Its row among the places of the planned motion.
+        t: Its time from the beginning of the planned motion [s].
+        place: Positions of the drives, shape (3,).
+        centre: Centre of the load in the frame of the site [m], shape (3,).
+    """
+
+    number: int
+    name: str
+    row: int
+    t: float
+    place: np.ndarray
+    centre: np.ndarray
+
+
+def positions_of(analysis: LiftAnalysis) -> list[Position]:
+    """Return the positions of a lift in the order of time, at most `MAX_POSITIONS`."""
+    lift = analysis.certificate.lift
+    places = lift.timed.places
+    last = len(places) - 1
+    nearest = min(round(analysis.certificate.nearest_t / STEP), last)
+    turns = turning_rows(places, lift.points, np.array(lift.limits.rates))
+
+    named = {0: "pick-up", last: "set-down"}
+    if _is_apart(nearest, named):
+        named[nearest] = "nearest to an obstacle"
+    for row in turns:
+        if len(named) < MAX_POSITIONS and _is_apart(row, named):
+            named[row] = "turning point"
+
+    centres = analysis.site.to_site(lift.clearance.point(places))
+    positions: list[Position] = []
+    for row in sorted(named):
+        number = len(positions) + 1
+        position = Position(number, named[row], row, STEP * row, places[row], centres[row])
+        positions.append(position)
+    return positions
+
+
+def turning_rows(places: np.ndarray, corners: np.ndarray, rates: np.ndarray) -> list[int]:
+    """Return the rows of a motion at which the drives change what they do, in order: those nearest
+    to the corners of its way, whose rounding the motion follows.
+
+    Args:
+        places: Places of the motion in rows, shape (n, 3).
+        corners: Ends and corners of the way, shape (k, 3).
+        rates: Rates of the drives, by which their distances become times, shape (3,).
+    """
+    rows: list[int] = []
+    begin = 0
+    for corner in corners[1:-1]:
+        times = np.linalg.norm((places[begin:] - corner) / rates, axis=1)
+        begin += int(times.argmin())
+        rows.append(begin)
+    return rows
+
+
+def _is_apart(row: int, named: dict[int, str]) -> bool:
+    """Return whether a row is far enough from those that have names."""
+    return min(abs(row - other) for other in named) >= _LEAST_ROWS

@@ -1,0 +1,309 @@
+"""A sketch of the rigging: hook block, spreader, slings and load. Only what was entered is drawn;
+what nobody entered is said to be so.
+"""
+
+from __future__ import annotations
+
+import math
+import textwrap
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.lifts.judging.drawings.canvas import INK, Canvas, Stroke
+from cranedyn.lifts.judging.drawings.labels import text_width
+from cranedyn.lifts.judging.drawings.sheet import (
+    A4_PORTRAIT,
+    LINE,
+    MARGIN,
+    Sheet,
+    TitleBlock,
+    frame,
+    title_block,
+)
+from cranedyn.lifts.planning.plan_details import PlanDetails
+from cranedyn.lifts.planning.site import Site
+
+_SKETCH_HEIGHT = 150.0
+"""Height of the sketch on paper [mm]."""
+
+_SKETCH_WIDTH = 100.0
+"""Width of the sketch on paper [mm]."""
+
+_UNKNOWN = Stroke("#777777", 0.3, "2 1.5")
+"""Lines of what nobody entered."""
+
+_UNKNOWN_HEIGHT = 1.0
+"""Height at which a part is sketched whose height nobody entered [m]."""
+
+NOT_ENTERED = "not entered"
+"""What stands in place of a value that nobody entered."""
+
+
+@dataclass(frozen=True)
+class RiggingStack:
+    """Heights of the rigging, from the end of the rope down.
+
+    Attributes:
+        block: Height of the hook block [m]; None if it was not entered.
+        spreader: Height of the spreader [m]; 0 without one, None if it was not entered.
+        slings: Height from the upper eye of the slings to the lifting points [m]; None if neither
+            angle and length nor angle and lifting points were entered.
+        below: Height of the load below its lifting points [m]; None if its size was not entered.
+    """
+
+    block: float | None
+    spreader: float | None
+    slings: float | None
+    below: float | None
+
+    @property
+    def headroom(self) -> float | None:
+        """Height from the end of the rope to the underside of the load [m]; None if a part of it
+        is not known.
+        """
+        total = 0.0
+        for part in (self.block, self.spreader, self.slings, self.below):
+            if part is None:
+                return None
+            total += part
+        return total
+
+
+def rigging_stack(site: Site) -> RiggingStack:
+    """Return the heights of the rigging of a site, as far as they were entered."""
+    details = site.details
+    spreader: float | None = 0.0
+    if details.spreader is not None:
+        spreader = details.spreader.height
+    return RiggingStack(details.hook_block_height, spreader, sling_height(details), _below(site))
+
+
+def sling_height(details: PlanDetails) -> float | None:
+    """Return the height from the upper eye of the slings to the lifting points [m]; None if it does
+    not follow from what was entered.
+
+    With the length L of a leg and its angle β from the vertical it is L cos β; with lifting points
+    at a mean distance r from the middle, and no spreader, r / tan β.
+    """
+    slings = details.slings
+    if slings.angle is None:
+        return None
+    if slings.length is not None:
+        return slings.length * math.cos(slings.angle)
+    points = np.array(details.load.lifting_points)
+    if len(points) and details.spreader is None and slings.angle > 1e-6:
+        middle = points[:, :2].mean(axis=0)
+        radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).mean())
+        return radius / math.tan(slings.angle)
+    return None
+
+
+def _below(site: Site) -> float | None:
+    """Return the height of the load below its lifting points, or below its top if none were entered
+    [m]; None if its size was not entered.
+    """
+    if site.load is None:
+        return None
+    bottom = float(site.load[:, 2].min())
+    points = np.array(site.details.load.lifting_points)
+    if len(points):
+        middle = (site.load.min(axis=0) + site.load.max(axis=0))[2] / 2.0
+        return float(points[:, 2].mean()) + middle - bottom
+    return float(site.load[:, 2].max()) - bottom
+
+
+def rigging_sheet(site: Site, block: TitleBlock) -> Sheet:
+    """Return the sheet with the sketch of the rigging."""
+    paper = A4_PORTRAIT
+    canvas = Canvas("rigging", paper.width, paper.height)
+    canvas.text(MARGIN + 3.0, MARGIN + 6.5, "Rigging", bold=True, size=5.0)
+    frame(canvas)
+    _draw_stack(canvas, site, MARGIN + 6.0, MARGIN + 20.0)
+    letters = int((paper.width - 2.0 * MARGIN - 6.0) / text_width("x"))
+    lines = [line for note in _notes(site) for line in textwrap.wrap(note, letters)]
+    canvas.lines_of_text(MARGIN + 3.0, MARGIN + 32.0 + _SKETCH_HEIGHT, lines, LINE)
+    title_block(canvas, block, "not to scale")
+    return Sheet("rigging", "Rigging", canvas.svg, paper.width, paper.height)
+
+
+def _draw_stack(canvas: Canvas, site: Site, left: float, top: float) -> None:
+    """Draw the rigging from the end of the rope down, with a text beside each part. X of the load
+    is to the right. Parts are to one scale where their heights were entered.
+    """
+    stack = rigging_stack(site)
+    details = site.details
+    heights = []
+    for known in (stack.block, stack.spreader, stack.slings, stack.below):
+        heights.append(_UNKNOWN_HEIGHT if known is None else known)
+    width = 1.0 if site.load is None else float(np.ptp(site.load[:, 0]))
+    per_metre = min(_SKETCH_HEIGHT / max(sum(heights), 0.5), _SKETCH_WIDTH / max(width, 0.5))
+    middle = left + _SKETCH_WIDTH / 2.0
+    side = left + _SKETCH_WIDTH + 8.0
+
+    y = top
+    canvas.line(middle, y - 8.0, middle, y, Stroke(INK, 0.6))
+    texts = (
+        f"hook block: {_metres(stack.block)}",
+        f"spreader: {_spreader_text(details)}",
+        f"slings: {_sling_text(details)}",
+        f"load: {_load_text(site)}",
+    )
+    ends = []
+    for height in heights:
+        ends.append((y, y + height * per_metre))
+        y = ends[-1][1]
+    block, spreader, slings, load = ends
+    _draw_block(canvas, middle, block, known=stack.block is not None)
+    if details.spreader is not None:
+        known = stack.spreader is not None
+        stroke = Stroke(INK, 0.4, fill="#dddddd") if known else _UNKNOWN
+        half = min(0.35 * width * per_metre, 0.4 * _SKETCH_WIDTH)
+        canvas.box(middle - half, spreader[0], 2.0 * half, spreader[1] - spreader[0], stroke)
+    _draw_slings(canvas, site, middle, per_metre, slings)
+    _draw_load(canvas, site, middle, per_metre, load)
+
+    last = top - LINE
+    letters = int((canvas.width - MARGIN - side - 2.0) / text_width("x"))
+    for text, (upper, lower) in zip(texts, ends, strict=True):
+        if upper == lower:
+            continue  # no spreader
+        lines = textwrap.wrap(text, letters)
+        begin = max((upper + lower) / 2.0 - (len(lines) - 1) * LINE / 2.0, last + LINE + 1.0)
+        canvas.line(side - 6.0, (upper + lower) / 2.0, side - 1.0, begin - 1.2)
+        canvas.lines_of_text(side, begin, lines, LINE)
+        last = begin + (len(lines) - 1) * LINE
+        canvas.line(side - 9.0, upper, side - 6.0, upper)
+        canvas.line(side - 9.0, lower, side - 6.0, lower)
+    canvas.line(side - 7.5, top, side - 7.5, y)
+    canvas.text(
+        middle,
+        y + 7.0,
+        f"rope's end to underside: {_metres(stack.headroom)}",
+        anchor="middle",
+        bold=True,
+    )
+
+
+def _draw_block(canvas: Canvas, middle: float, ends: tuple[float, float], *, known: bool) -> None:
+    """Draw the hook block between two heights of the page."""
+    stroke = Stroke(INK, 0.4, fill="#bbbbbb") if known else _UNKNOWN
+    upper, lower = ends
+    body = 0.6 * (lower - upper)
+    canvas.box(middle - 5.0, upper, 10.0, body, stroke)
+    radius = min(0.2 * (lower - upper), 4.0)
+    canvas.line(middle, upper + body, middle, lower - 2.0 * radius, Stroke(stroke.colour, 0.6))
+    canvas.circle(middle, lower - radius, radius, Stroke(stroke.colour, 0.6))
+
+
+def _draw_slings(
+    canvas: Canvas, site: Site, middle: float, per_metre: float, ends: tuple[float, float]
+) -> None:
+    """Draw the legs of the slings from their upper eye to the lifting points, or dashed to the
+    corners of the load where these or the angle were not entered.
+    """
+    details = site.details
+    known = sling_height(details) is not None and bool(details.load.lifting_points)
+    stroke = Stroke(INK, 0.5) if known else _UNKNOWN
+    if details.load.lifting_points:
+        feet = sorted({point[0] for point in details.load.lifting_points})
+    else:
+        half = 0.5 if site.load is None else float(np.ptp(site.load[:, 0])) / 2.0
+        feet = [-half, half]
+    upper, lower = ends
+    for foot in feet:
+        at = middle + foot * per_metre
+        canvas.line(middle, upper, at, lower, stroke)
+        if details.load.lifting_points:
+            canvas.circle(at, lower, 1.2, Stroke(INK, 0.3, fill=INK))
+    if details.slings.angle is not None:
+        canvas.path(np.array([[middle, upper], [middle, lower]]), _UNKNOWN)
+        text = f"β = {math.degrees(details.slings.angle):.0f}°"
+        canvas.text(middle + 1.5, (upper + 2.0 * lower) / 3.0, text, halo=True)
+
+
+def _draw_load(
+    canvas: Canvas, site: Site, middle: float, per_metre: float, ends: tuple[float, float]
+) -> None:
+    """Draw the box around the load, and its centre of gravity where it was entered."""
+    upper, lower = ends
+    known = site.load is not None
+    stroke = Stroke("#9a4a00", 0.4, fill="#f0a04b", opacity=0.5) if known else _UNKNOWN
+    width = (float(np.ptp(site.load[:, 0])) if site.load is not None else 1.0) * per_metre
+    canvas.box(middle - width / 2.0, upper, width, lower - upper, stroke)
+    centre = site.details.load.centre
+    if centre is None or site.load is None:
+        return
+    # From the middle of the box, whose underside is at `lower`.
+    half_height = float(np.ptp(site.load[:, 2])) / 2.0
+    x = middle + centre[0] * per_metre
+    y = lower - (half_height + centre[2]) * per_metre
+    canvas.circle(x, y, 2.0, Stroke(INK, 0.4, fill="#ffffff"))
+    canvas.line(x - 3.5, y, x + 3.5, y)
+    canvas.line(x, y - 3.5, x, y + 3.5)
+    canvas.text(x + 4.0, y - 1.0, "centre of gravity", halo=True)
+
+
+def _metres(value: float | None) -> str:
+    """Return a height in words."""
+    return NOT_ENTERED if value is None else f"{value:.2f} m"
+
+
+def _mass(value: float | None) -> str:
+    """Return a working load limit in words."""
+    return NOT_ENTERED if value is None else f"{value / 1e3:.2f} t"
+
+
+def _spreader_text(details: PlanDetails) -> str:
+    """Return what was entered of the spreader."""
+    spreader = details.spreader
+    if spreader is None:
+        return "none entered"
+    name = spreader.name or "name not entered"
+    return f"{name}, height {_metres(spreader.height)}, limit {_mass(spreader.limit)}"
+
+
+def _sling_text(details: PlanDetails) -> str:
+    """Return what was entered of the slings."""
+    slings = details.slings
+    angle = NOT_ENTERED if slings.angle is None else f"{math.degrees(slings.angle):.0f}°"
+    number = "number of legs not entered" if slings.number is None else f"{slings.number} legs"
+    return (
+        f"{slings.type or 'type not entered'}, {number}, angle β from the vertical {angle}, length "
+        f"{_metres(slings.length)}, limit of a leg {_mass(slings.limit)}, certificate "
+        f"{slings.certificate or NOT_ENTERED}"
+    )
+
+
+def _load_text(site: Site) -> str:
+    """Return what was entered of the load's size."""
+    if site.load is None:
+        return f"size {NOT_ENTERED}"
+    across, along, height = np.ptp(site.load, axis=0).tolist()
+    return f"{across:.2f} m × {along:.2f} m × {height:.2f} m high"
+
+
+def _notes(site: Site) -> list[str]:
+    """Return sentences about what the sketch shows and what was not entered."""
+    details = site.details
+    load = details.load
+    notes = []
+    mass = site.crane.get("payload_mass")
+    notes.append(
+        f"Mass of all that hangs: {NOT_ENTERED if mass is None else f'{mass / 1e3:.2f} t'}"
+        f" (source: {load.source or NOT_ENTERED})."
+    )
+    centre = NOT_ENTERED
+    if load.centre is not None:
+        centre = ", ".join(f"{value:+.2f}" for value in load.centre) + " m from the middle"
+    notes.append(f"Centre of gravity: {centre}.")
+    points = NOT_ENTERED
+    if load.lifting_points:
+        shown = ["(" + ", ".join(f"{v:.2f}" for v in point) + ")" for point in load.lifting_points]
+        points = "; ".join(shown) + " m from the middle"
+    notes.append(f"Lifting points: {points}.")
+    notes.append(
+        "The sketch is seen along Y of the load. What is dashed was not entered, and its height is "
+        "not to scale. Forces and strength of the rigging are not in this sketch."
+    )
+    return notes

@@ -1,0 +1,263 @@
+"""Drawings of a lift are true to scale, and hold the site where it is."""
+
+from __future__ import annotations
+
+import itertools
+import math
+import re
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+import shapely
+
+pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
+
+from cranedyn.lifts.judging.drawings import LiftScene, NoDxf, sheets, write_drawings
+from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Label, Polyline
+from cranedyn.lifts.judging.drawings.labels import place_texts, text_width
+from cranedyn.lifts.judging.drawings.outlines import crane_shapes
+from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack, sling_height
+from cranedyn.lifts.judging.drawings.sequence import steps_of
+from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
+from cranedyn.lifts.judging.drawings.swept import throw_distance
+from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
+from cranedyn.lifts.planning.plan_details import (
+    GroundDetails,
+    LoadDetails,
+    PlanDetails,
+    Slings,
+    Spreader,
+)
+from cranedyn.lifts.planning.site_file import SITES, read_site
+from cranedyn.lifts.planning.solids import box, prism
+from tests.lifts.judging.test_judgement import small
+from tests.lifts.planning.sites import WALL
+from tests.lifts.planning.test_any_crane import clearance
+
+pytestmark = pytest.mark.slow
+
+SVG = "{http://www.w3.org/2000/svg}"
+
+
+@cache
+def scene() -> LiftScene:
+    """The lift over a wall, which stands from 7 to 21 m in X and 1 m wide at Y = 0."""
+    return LiftScene.of(small())
+
+
+@cache
+def plan() -> Drawing:
+    return plan_view(scene())
+
+
+@cache
+def elevation() -> Drawing:
+    return elevation_view(scene())
+
+
+def lines_on(drawing: Drawing, layer: str) -> list[np.ndarray]:
+    return [
+        np.array(p.points)
+        for p in drawing.primitives
+        if isinstance(p, Polyline) and p.layer == layer
+    ]
+
+
+def test_the_plan_has_the_wall_where_it_stands_and_says_its_name() -> None:
+    (wall,) = lines_on(plan(), "obstacles")
+    np.testing.assert_allclose(wall.min(axis=0), [7.0, -0.5], atol=1e-9)
+    np.testing.assert_allclose(wall.max(axis=0), [21.0, 0.5], atol=1e-9)
+    texts = [p.text for p in plan().primitives if isinstance(p, Label)]
+    assert "wall, top +8.0 m" in texts
+
+
+def test_the_elevation_has_the_wall_from_its_least_to_its_largest_radius_under_the_jib() -> None:
+    (wall,) = lines_on(elevation(), "obstacles")
+    least, bottom = wall.min(axis=0)
+    largest, top = wall.max(axis=0)
+    assert least == pytest.approx(7.0)  # the middle of its near side, in the direction of X
+    assert (bottom, top) == (0.0, 8.0)
+    # The tip of the jib, 23.5 m from the axis, passes over all of it.
+    assert largest == pytest.approx(math.hypot(21.0, 0.5), abs=1e-6)
+
+
+def test_dimensions_say_the_distances_that_they_are_drawn_over() -> None:
+    drawn = [p for d in (plan(), elevation()) for p in d.primitives if isinstance(p, Dimension)]
+    assert len(drawn) >= 6
+    for dimension in drawn:
+        (number,) = re.findall(r"[\d.]+(?= m)", dimension.text)[:1]
+        length = math.dist(dimension.start, dimension.end)
+        assert float(number) == pytest.approx(length, abs=5.1e-3), dimension.text
+    radii = [p for p in plan().primitives if isinstance(p, Dimension)]
+    assert radii[0].text == f"R {math.hypot(6.0, 12.0):.2f} m, pick-up"
+
+
+def test_the_slewing_range_and_the_reach_are_those_of_the_drives() -> None:
+    arcs = [p for p in plan().primitives if isinstance(p, Arc)]
+    circles = [p for p in arcs if p.is_circle]
+    crane = scene().clearance.crane
+    trolley = int(scene().clearance.drive_joints[1])
+    assert max(p.radius for p in circles) == pytest.approx(float(crane.upper[trolley]))
+    (used,) = [p for p in arcs if not p.is_circle]
+    # From (6, -12) to (6, 12) seen from the slew axis.
+    assert used.end - used.start == pytest.approx(2.0 * math.atan2(12.0, 6.0), abs=2e-3)
+
+
+def test_the_envelope_holds_all_footprints_and_the_exclusion_zone_holds_the_envelope() -> None:
+    swept = scene().swept
+    lift = scene().analysis.certificate.lift
+    assert swept.exclusion.buffer(1e-6).contains(swept.envelope)
+    for row in range(0, len(lift.timed.places), 37):
+        load = crane_shapes(lift.clearance, lift.timed.places[row]).load
+        corners = shapely.MultiPoint(load[:, :2])
+        assert swept.envelope.buffer(-0.2).contains(corners)
+
+
+def test_a_part_flies_as_far_as_a_projectile_that_is_stepped() -> None:
+    speed, upward, height, gravity = 1.7, 0.8, 21.0, 9.81
+    dt = 1e-5
+    t = 0.0
+    z, rate = height, upward
+    while z > 0.0:
+        rate -= gravity * dt
+        z += rate * dt
+        t += dt
+    # One step of the simulation, and its error of the first order.
+    assert float(throw_distance(speed, upward, height, gravity)) == pytest.approx(
+        speed * t, abs=1e-4
+    )
+    assert float(throw_distance(2.0, 0.0, 5.0, 10.0)) == pytest.approx(2.0)
+
+
+def test_a_sheet_is_as_large_as_its_paper_and_a_metre_on_it_as_long_as_the_scale_says() -> None:
+    made = sheets(scene().analysis)
+    names = [sheet.name for sheet in made]
+    assert names[:3] == ["plan", "elevation", "sequence-1"] and names[-1] == "rigging"
+    layout = choose_layout(plan())
+    root = ET.fromstring(made[0].svg)
+    assert root.get("width") == f"{made[0].width_mm:g}mm"
+    assert root.get("viewBox") == f"0 0 {made[0].width_mm:g} {made[0].height_mm:g}"
+    colour = "#6b6353"
+    (wall,) = [e for e in root.iter(f"{SVG}polygon") if e.get("stroke") == colour]
+    points = np.array([pair.split(",") for pair in (wall.get("points") or "").split()], float)
+    on_paper = np.ptp(points, axis=0)
+    np.testing.assert_allclose(on_paper, np.array([14.0, 1.0]) * 1e3 / layout.scale, atol=2e-3)
+    for sheet in made:
+        for text in ET.fromstring(sheet.svg).iter(f"{SVG}text"):
+            assert float(text.get("font-size") or 0.0) >= 2.5, text.text
+
+
+def test_texts_cover_no_other_text() -> None:
+    scale = choose_layout(plan()).scale
+    placed = place_texts(plan(), scale)
+    assert len(placed) >= 6
+    boxes = []
+    for text in placed:
+        width = 5.8 if text.in_circle else text_width(text.text)
+        height = 5.8 if text.in_circle else 4.0
+        x, y = np.array(text.centre) * 1e3 / scale
+        boxes.append(shapely.box(x - width / 2, y - height / 2, x + width / 2, y + height / 2))
+    for i, first in enumerate(boxes):
+        for second in boxes[i + 1 :]:
+            assert not first.overlaps(second)
+
+
+def test_a_drawing_that_fits_on_no_paper_is_refused_with_its_size() -> None:
+    with pytest.raises(DrawingTooLarge, match="5000 m by 10 m"):
+        choose_layout(replace(plan(), low=(0.0, 0.0), high=(5000.0, 10.0)))
+
+
+def test_north_is_where_the_bearing_of_the_y_axis_has_it() -> None:
+    analysis = small()
+    # Y points east, so that north is to the left of it: towards -X.
+    details = PlanDetails(ground=GroundDetails(north=math.pi / 2.0))
+    site = replace(analysis.site, details=details)
+    turned = plan_view(replace(scene(), analysis=replace(analysis, site=site)))
+    assert turned.north == pytest.approx(math.pi)
+    assert plan().north is None
+    assert any("North was not entered" in note for note in plan().notes)
+
+
+def test_a_site_file_enters_north_in_degrees(tmp_path: Path) -> None:
+    text = (SITES / "open_yard.toml").read_text(encoding="utf-8")
+    assert read_site("open_yard").details.ground.north is None
+    path = tmp_path / "turned.toml"
+    path.write_text(text.replace("[ground]", "[ground]\nnorth = 90.0"), encoding="utf-8")
+    assert read_site(path).details.ground.north == pytest.approx(math.pi / 2.0)
+
+
+def test_dxf_files_hold_each_obstacle_at_its_coordinates(tmp_path: Path) -> None:
+    ezdxf = pytest.importorskip("ezdxf", reason="extra dxf (ezdxf) is not installed")
+    plan_file, elevation_file = write_drawings(scene().analysis, tmp_path)
+    assert (plan_file.name, elevation_file.name) == ("lift_plan.dxf", "lift_elevation.dxf")
+    for file in (plan_file, elevation_file):
+        document = ezdxf.readfile(file)
+        auditor = document.audit()
+        assert not auditor.errors and not auditor.fixes
+        assert document.header["$INSUNITS"] == 6  # metres
+    space = ezdxf.readfile(plan_file).modelspace()
+    (wall,) = space.query('LWPOLYLINE[layer=="obstacles"]')
+    corners = np.array([point[:2] for point in wall.get_points()])
+    expected = np.unique(WALL.vertices[:, :2], axis=0)
+    np.testing.assert_allclose(np.unique(corners, axis=0), expected, atol=1e-9)
+    names = [text.dxf.text for text in space.query('TEXT[layer=="obstacles"]')]
+    assert names == ["wall, top +8.0 m"]
+    measured = [dim.get_measurement() for dim in space.query("DIMENSION")]
+    assert measured[0] == pytest.approx(math.hypot(6.0, 12.0), abs=1e-6)
+
+
+def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setitem(sys.modules, "ezdxf", None)
+    with pytest.raises(NoDxf, match="pip install"):
+        write_drawings(scene().analysis, tmp_path)
+    assert not list(tmp_path.iterdir())
+
+
+def test_the_steps_of_the_sequence_add_up_to_the_lift() -> None:
+    steps = steps_of(scene())
+    assert [step.number for step in steps] == list(range(2, len(scene().positions) + 1))
+    for before, after in itertools.pairwise(steps):
+        assert before.ends == after.begins
+    text = " ".join(sentence for step in steps for sentence in step.movements)
+    # From Y = -12 to Y = 12 on the +X side: counter-clockwise, to the left.
+    turned = sum(int(found) for found in re.findall(r"Slew (\d+)° to the left", text))
+    assert "to the right" not in text
+    assert turned == pytest.approx(math.degrees(2.0 * math.atan2(12.0, 6.0)), abs=len(steps))
+
+
+def test_the_cross_section_of_a_bridge_is_the_plane_of_its_trolley() -> None:
+    np.testing.assert_allclose(np.abs(across_runway(clearance("overhead"))), [0.0, 1.0], atol=1e-9)
+
+
+def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:
+    points = ((-1.0, -0.5, 0.75), (1.0, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
+    angle = math.radians(30.0)
+    details = PlanDetails(load=LoadDetails(lifting_points=points), slings=Slings(angle=angle))
+    assert sling_height(details) == pytest.approx(math.hypot(1.0, 0.5) / math.tan(angle))
+    longer = replace(details, slings=Slings(angle=angle, length=4.0))
+    assert sling_height(longer) == pytest.approx(4.0 * math.cos(angle))
+    site = replace(small().site, details=longer)
+    assert rigging_stack(site).headroom is None
+    known = replace(longer, hook_block_height=1.2, spreader=Spreader(height=0.4))
+    # The load is a cube of a metre, its lifting points 0.75 m above its middle.
+    headroom = rigging_stack(replace(site, details=known)).headroom
+    assert headroom == pytest.approx(1.2 + 0.4 + 4.0 * math.cos(angle) + 1.25)
+
+
+def test_a_zone_and_a_name_that_is_markup_are_drawn_as_what_they_are() -> None:
+    analysis = small()
+    solids = (
+        box("<b>shed</b> & co", (10.0, 15.0), (4.0, 4.0, 3.0), 0.0),
+        prism("street", np.array([[-5.0, 5.0], [0.0, 5.0], [0.0, 9.0]]), 0.0, 6.0, zone=True),
+    )
+    site = replace(analysis.site, solids=solids)
+    first = sheets(replace(analysis, site=site))[0]
+    texts = [text.text for text in ET.fromstring(first.svg).iter(f"{SVG}text")]
+    assert "<b>shed</b> & co, top +3.0 m" in texts
+    assert "street, keep out below 6.0 m" in texts
