@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_sheet
 from cranedyn.lifts.judging.drawings.sequence import sequence_sheet, sequence_sheet_count
 from cranedyn.lifts.judging.drawings.sheet import (
     DrawingTooLarge,
-    Sheet,
+    LiftSheet,
     TitleBlock,
     drawing_sheet,
 )
@@ -26,8 +26,8 @@ __all__ = [
     "Drawing",
     "DrawingTooLarge",
     "LiftScene",
+    "LiftSheet",
     "NoDxf",
-    "Sheet",
     "drawings",
     "sheets",
     "write_drawings",
@@ -40,7 +40,7 @@ def drawings(analysis: LiftAnalysis) -> list[Drawing]:
     return [plan_view(scene), elevation_view(scene)]
 
 
-def sheets(analysis: LiftAnalysis) -> list[Sheet]:
+def sheets(analysis: LiftAnalysis) -> list[LiftSheet]:
     """Return the sheets of a lift: plan and elevation to scale, the sequence, the rigging.
 
     Raises:
