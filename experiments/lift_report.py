@@ -125,7 +125,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
         folder: Folder of the experiment.
         command_line: The command that makes the numbers again.
     """
-    from cranedyn.lifts.judging.drawings import NoDxf, write_drawings
+    from cranedyn.lifts.judging.drawings import DrawingTooLarge, NoDxf, write_drawings
     from cranedyn.lifts.judging.report_page import NoBrowser, print_pdf
 
     page = judgement.report(folder / "lift.html", command_line)
@@ -135,7 +135,7 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str) -> int:
     try:
         for drawing in write_drawings(judgement.analysis, folder):
             print(f"For CAD: {drawing}.")
-    except NoDxf as error:
+    except (NoDxf, DrawingTooLarge) as error:
         print(f"No DXF: {error}", file=sys.stderr)
     try:
         print(f"On paper: {print_pdf(page, folder / 'lift.pdf')}.")

@@ -23,7 +23,7 @@ from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.drawings import sheets
+from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftSheet, sheets
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_tables import Table
 from cranedyn.lifts.judging.load_joints import LoadJoints
@@ -84,6 +84,7 @@ def lift_html(
         command: The command that makes its numbers again; empty if there is none.
     """
     verdict = overall(checks)
+    drawn, not_drawn = _sheets_or_reason(analysis)
     return render(
         _TEMPLATE,
         title=f"Lift: {analysis.site.name}",
@@ -96,11 +97,21 @@ def lift_html(
         statement=STATEMENT,
         tables=page_tables(tables),
         figures=page_figures(figures),
-        limits=limits_of(analysis),
-        sheets=sheets(analysis),
+        limits=[*limits_of(analysis), *not_drawn],
+        sheets=drawn,
         command=command,
         versions=_versions(),
     )
+
+
+def _sheets_or_reason(analysis: LiftAnalysis) -> tuple[list[LiftSheet], list[str]]:
+    """Return the drawings of a lift, or a sentence that says why there are none: a report has its
+    numbers also where a drawing fits on no paper.
+    """
+    try:
+        return sheets(analysis), []
+    except DrawingTooLarge as error:
+        return [], [f"There are no drawings. {error}"]
 
 
 def _reason(checks: Sequence[Check]) -> str:
