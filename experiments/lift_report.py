@@ -126,8 +126,8 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 
 def write_pages(judgement: Judgement, folder: Path, command_line: str, plan: PlanSource) -> int:
-    """Write the page, where a browser is installed the PDF, and the record of the plan; return the
-    exit code.
+    """Write the page, the PDF where a browser is installed, the drawings as DXF where ezdxf is, and
+    the record of the plan; return the exit code.
 
     Args:
         judgement: The judged lift.
@@ -145,6 +145,10 @@ def write_pages(judgement: Judgement, folder: Path, command_line: str, plan: Pla
         print(f"On paper: {written.pdf}.")
     else:
         print(f"No PDF: {written.why_no_pdf}", file=sys.stderr)
+    for drawing in written.drawings:
+        print(f"For CAD: {drawing}.")
+    if written.why_no_drawings:
+        print(f"No DXF: {written.why_no_drawings}", file=sys.stderr)
     record = written.record
     print(f"Plan: {written.path}, revision {record.revision}, digest {record.short_digest}.")
     return 0 if judgement.verdict is Verdict.HOLDS else FAILED

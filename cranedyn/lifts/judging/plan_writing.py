@@ -1,14 +1,18 @@
-"""The plan of a judged lift as files: a page, a PDF where a browser prints one, and the record."""
+"""The plan of a judged lift as files: a page, a PDF where a browser prints one, drawings, and the
+record.
+"""
 
 from __future__ import annotations
 
 import platform
+from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from pathlib import Path
 from typing import NamedTuple
 
 from cranedyn.data.files import lock_folder, write_text
+from cranedyn.lifts.judging.drawings import DrawingTooLarge, NoDxf, write_drawings
 from cranedyn.lifts.judging.judged_inputs import SHIPPED_CHART
 from cranedyn.lifts.judging.judgement import Judgement
 from cranedyn.lifts.judging.plan_folder import next_revision, with_documents
@@ -93,6 +97,8 @@ class WrittenPlan(NamedTuple):
         page: Its page.
         pdf: Its PDF; None if there is none.
         why_no_pdf: Why there is none.
+        drawings: Plan and elevation as DXF; empty if they could not be written.
+        why_no_drawings: Why they could not.
     """
 
     record: PlanRecord
@@ -100,12 +106,14 @@ class WrittenPlan(NamedTuple):
     page: Path
     pdf: Path | None
     why_no_pdf: str = ""
+    drawings: Sequence[Path] = ()
+    why_no_drawings: str = ""
 
 
 def write_plan(
     judgement: Judgement, folder: Path, command_line: str, source: PlanSource
 ) -> WrittenPlan:
-    """Write page, PDF and record of a judged lift into a folder, as its next revision.
+    """Write page, PDF, drawings and record of a judged lift into a folder, as its next revision.
 
     The record is written last: if the writing is cut off, the documents are not those of the
     record that lies beside them, which `cranedyn verify` says.
@@ -126,15 +134,25 @@ def write_plan(
         pdf = folder / f"{revision.stem}.pdf"
         path = folder / f"{revision.stem}.json"
         write_text(page, judgement.html(command_line, revision.mark(record)))
+        # Those of an earlier judgement would be taken for documents of this one.
+        if revision.replaced is not None:
+            for name in revision.replaced.documents:
+                if name != page.name:
+                    (folder / name).unlink(missing_ok=True)
         documents = [page]
-        why = ""
+        why_no_pdf = ""
         try:
             documents.append(print_pdf(page, pdf))
         except NoBrowser as error:
-            why = str(error)
-            # That of an earlier judgement would be taken for one of this.
-            if revision.replaced is not None and pdf.name in revision.replaced.documents:
-                pdf.unlink(missing_ok=True)
-        record = with_documents(record, documents)
+            why_no_pdf = str(error)
+        drawings: list[Path] = []
+        why_no_drawings = ""
+        try:
+            drawings = write_drawings(judgement.analysis, folder, revision.stem)
+        except (NoDxf, DrawingTooLarge) as error:
+            why_no_drawings = str(error)
+        record = with_documents(record, [*documents, *drawings])
         write_plan_record(path, record)
-    return WrittenPlan(record, path, page, None if why else pdf, why)
+    return WrittenPlan(
+        record, path, page, None if why_no_pdf else pdf, why_no_pdf, drawings, why_no_drawings
+    )

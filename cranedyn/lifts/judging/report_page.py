@@ -23,7 +23,7 @@ from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.drawings import sheets
+from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftSheet, sheets
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -104,6 +104,7 @@ def lift_html(
     verdict = overall(checks)
     named = {table.title: shown for table, shown in zip(tables, page_tables(tables), strict=True)}
     places = POSITIONS_TITLE if POSITIONS_TITLE in named else PLACES_TITLE
+    drawn, not_drawn = _sheets_or_reason(analysis)
     return render(
         _TEMPLATE,
         title=f"Lift: {analysis.site.name}",
@@ -127,12 +128,22 @@ def lift_html(
         groups=field_groups(analysis),
         tables=list(named.values()),
         figures=page_figures(figures),
-        limits=limits_of(analysis),
-        sheets=sheets(analysis),
+        limits=[*limits_of(analysis), *not_drawn],
+        sheets=drawn,
         command=command,
         versions=_versions(),
         plan=plan,
     )
+
+
+def _sheets_or_reason(analysis: LiftAnalysis) -> tuple[list[LiftSheet], list[str]]:
+    """Return the drawings of a lift, or a sentence that says why there are none: a report has its
+    numbers also where a drawing fits on no paper.
+    """
+    try:
+        return sheets(analysis), []
+    except DrawingTooLarge as error:
+        return [], [f"There are no drawings. {error}"]
 
 
 def _reason(checks: Sequence[Check]) -> str:

@@ -27,6 +27,7 @@ from cranedyn.lifts.judging.drawings.sequence import steps_of
 from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
+from cranedyn.lifts.judging.report_page import _sheets_or_reason
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
     LoadDetails,
@@ -171,6 +172,13 @@ def test_texts_cover_no_other_text() -> None:
 def test_a_drawing_that_fits_on_no_paper_is_refused_with_its_size() -> None:
     with pytest.raises(DrawingTooLarge, match="5000 m by 10 m"):
         choose_layout(replace(plan(), low=(0.0, 0.0), high=(5000.0, 10.0)))
+
+
+def test_a_report_without_drawings_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("cranedyn.lifts.judging.drawings.sheet.SCALES", (1,))
+    drawn, not_drawn = _sheets_or_reason(scene().analysis)
+    assert drawn == []
+    assert "There are no drawings. The plan is" in not_drawn[0]
 
 
 def test_north_is_where_the_bearing_of_the_y_axis_has_it() -> None:

@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_sheet
 from cranedyn.lifts.judging.drawings.sequence import sequence_sheet, sequence_sheet_count
 from cranedyn.lifts.judging.drawings.sheet import (
     DrawingTooLarge,
-    Sheet,
+    LiftSheet,
     TitleBlock,
     drawing_sheet,
 )
@@ -26,8 +26,8 @@ __all__ = [
     "Drawing",
     "DrawingTooLarge",
     "LiftScene",
+    "LiftSheet",
     "NoDxf",
-    "Sheet",
     "drawings",
     "sheets",
     "write_drawings",
@@ -40,7 +40,7 @@ def drawings(analysis: LiftAnalysis) -> list[Drawing]:
     return [plan_view(scene), elevation_view(scene)]
 
 
-def sheets(analysis: LiftAnalysis) -> list[Sheet]:
+def sheets(analysis: LiftAnalysis) -> list[LiftSheet]:
     """Return the sheets of a lift: plan and elevation to scale, the sequence, the rigging.
 
     Raises:
@@ -64,12 +64,17 @@ def sheets(analysis: LiftAnalysis) -> list[Sheet]:
     return made
 
 
-def write_drawings(analysis: LiftAnalysis, folder: Path) -> list[Path]:
-    """Write plan and elevation as ``lift_plan.dxf`` and ``lift_elevation.dxf`` into a folder.
+def write_drawings(analysis: LiftAnalysis, folder: Path, stem: str = "lift") -> list[Path]:
+    """Write plan and elevation as DXF into a folder: ``lift_plan.dxf`` and ``lift_elevation.dxf``.
+
+    Args:
+        analysis: The lift.
+        folder: The folder.
+        stem: What the names of the files begin with.
 
     Raises:
         NoDxf: If ezdxf is not installed.
         DrawingTooLarge: If one fits on no A3 sheet, so that its texts have no size.
         DataError: If a file cannot be written.
     """
-    return [write_dxf(made, folder / f"lift_{made.name}.dxf") for made in drawings(analysis)]
+    return [write_dxf(made, folder / f"{stem}_{made.name}.dxf") for made in drawings(analysis)]

@@ -38,7 +38,7 @@ class Position:
     centre: np.ndarray
 
 
-def positions_of(analysis: LiftAnalysis) -> list[Position]:
+def numbered_positions(analysis: LiftAnalysis) -> list[Position]:
     """Return the positions of a lift in the order of time, at most `MAX_POSITIONS`."""
     lift = analysis.certificate.lift
     places = lift.timed.places

@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
     A4_PORTRAIT,
     LINE,
     MARGIN,
-    Sheet,
+    LiftSheet,
     TitleBlock,
     frame,
     title_block,
@@ -113,7 +113,7 @@ def _below(site: Site) -> float | None:
     return float(site.load[:, 2].max()) - bottom
 
 
-def rigging_sheet(site: Site, block: TitleBlock) -> Sheet:
+def rigging_sheet(site: Site, block: TitleBlock) -> LiftSheet:
     """Return the sheet with the sketch of the rigging."""
     paper = A4_PORTRAIT
     canvas = Canvas("rigging", paper.width, paper.height)
@@ -124,7 +124,7 @@ def rigging_sheet(site: Site, block: TitleBlock) -> Sheet:
     lines = [line for note in _notes(site) for line in textwrap.wrap(note, letters)]
     canvas.lines_of_text(MARGIN + 3.0, MARGIN + 32.0 + _SKETCH_HEIGHT, lines, LINE)
     title_block(canvas, block, "not to scale")
-    return Sheet("rigging", "Rigging", canvas.svg, paper.width, paper.height)
+    return LiftSheet("rigging", "Rigging", canvas.svg, paper.width, paper.height)
 
 
 def _draw_stack(canvas: Canvas, site: Site, left: float, top: float) -> None:

@@ -17,7 +17,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
     A4_PORTRAIT,
     LINE,
     MARGIN,
-    Sheet,
+    LiftSheet,
     TitleBlock,
     draw,
     frame,
@@ -45,7 +45,7 @@ _ROW_HEIGHT = 54.0
 
 
 @dataclass(frozen=True)
-class Step:
+class SketchedStep:
     """What happens from one position to the next.
 
     Attributes:
@@ -62,7 +62,7 @@ class Step:
     ends: float
 
 
-def steps_of(scene: LiftScene) -> list[Step]:
+def steps_of(scene: LiftScene) -> list[SketchedStep]:
     """Return the steps from each position to the next."""
     lift = scene.analysis.certificate.lift
     grounded = scene.analysis.grounded
@@ -80,7 +80,7 @@ def steps_of(scene: LiftScene) -> list[Step]:
                 movements.append(sentence)
                 speeds.append(_speed(scene.clearance, drive, places))
         steps.append(
-            Step(
+            SketchedStep(
                 number=last.number,
                 movements=tuple(movements) or ("No drive moves by as much as is told here.",),
                 speeds=tuple(speeds),
@@ -183,7 +183,7 @@ def sequence_sheet_count(scene: LiftScene) -> int:
     return math.ceil((len(scene.positions) - 1) / STEPS_ON_SHEET)
 
 
-def sequence_sheet(scene: LiftScene, page: int, block: TitleBlock) -> Sheet:
+def sequence_sheet(scene: LiftScene, page: int, block: TitleBlock) -> LiftSheet:
     """Return a sheet of the sequence, counted from 0."""
     paper = A4_PORTRAIT
     title = "Sequence" if page == 0 else f"Sequence, sheet {page + 1}"
@@ -200,7 +200,7 @@ def sequence_sheet(scene: LiftScene, page: int, block: TitleBlock) -> Sheet:
     lines = [line for note in notes for line in textwrap.wrap(note, letters)]
     canvas.lines_of_text(MARGIN + 3.0, paper.height - MARGIN - 36.0, lines, LINE)
     title_block(canvas, block, "not to scale")
-    return Sheet(name, title, canvas.svg, paper.width, paper.height)
+    return LiftSheet(name, title, canvas.svg, paper.width, paper.height)
 
 
 def _phases(scene: LiftScene) -> list[str]:
@@ -219,7 +219,9 @@ def _phases(scene: LiftScene) -> list[str]:
     return sentences
 
 
-def _draw_step(canvas: Canvas, scene: LiftScene, index: int, step: Step, top: float) -> None:
+def _draw_step(
+    canvas: Canvas, scene: LiftScene, index: int, step: SketchedStep, top: float
+) -> None:
     """Draw a step: plan, elevation, and what happens."""
     width = canvas.width - 2.0 * MARGIN
     canvas.line(MARGIN, top, MARGIN + width, top, Stroke(width=0.35))

@@ -99,7 +99,7 @@ _TEXT_COLOURS: dict[Layer, str] = {
 
 
 @dataclass(frozen=True)
-class Sheet:
+class LiftSheet:
     """A page.
 
     Attributes:
@@ -202,7 +202,7 @@ def _layout_on(paper: Paper, scale: int, notes: Sequence[str]) -> _Layout:
     )
 
 
-def drawing_sheet(drawing: Drawing, block: TitleBlock) -> Sheet:
+def drawing_sheet(drawing: Drawing, block: TitleBlock) -> LiftSheet:
     """Return a drawing on paper, to the largest scale that fits."""
     layout = choose_layout(drawing)
     paper = layout.paper
@@ -217,7 +217,7 @@ def drawing_sheet(drawing: Drawing, block: TitleBlock) -> Sheet:
     title_block(canvas, block, f"1:{layout.scale} ({paper.name})")
     _direction(canvas, drawing, paper.width - MARGIN - 16.0, layout.top + 10.0)
     title = f"{drawing.title}, 1:{layout.scale} on {paper.name}"
-    return Sheet(drawing.name, title, canvas.svg, paper.width, paper.height)
+    return LiftSheet(drawing.name, title, canvas.svg, paper.width, paper.height)
 
 
 def frame(canvas: Canvas) -> None:
@@ -394,7 +394,10 @@ def title_block(canvas: Canvas, block: TitleBlock, scale: str) -> None:
         [("Lift no.", job.number), ("Rev.", job.revision)],
         [("Date", job.date), ("Scale", scale)],
         [("Prepared", block.prepared), ("Signed", None)],
-        [("Drawn by", f"cranedyn {__version__}"), ("Sheet", f"{block.number} of {block.count}")],
+        [
+            ("Drawn by", f"cranedyn {__version__}"),
+            ("Sheet", f"{block.number} of {block.count}"),
+        ],
     ]
     for i, row in enumerate(rows):
         y = top + i * BLOCK_ROW

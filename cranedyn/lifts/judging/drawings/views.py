@@ -29,7 +29,7 @@ from cranedyn.lifts.judging.drawings.outlines import (
     outlines_of,
     rings_of,
 )
-from cranedyn.lifts.judging.drawings.positions import Position, positions_of
+from cranedyn.lifts.judging.drawings.positions import Position, numbered_positions
 from cranedyn.lifts.judging.drawings.swept import (
     SweptAreas,
     sampled_rows,
@@ -78,7 +78,7 @@ class LiftScene:
     def of(cls, analysis: LiftAnalysis) -> LiftScene:
         """Compute what is shown of a lift."""
         lift = analysis.certificate.lift
-        positions = positions_of(analysis)
+        positions = numbered_positions(analysis)
         shapes = [crane_shapes(lift.clearance, position.place) for position in positions]
         return cls(analysis, positions, shapes, swept_areas(lift), _nearest_points(analysis))
 
@@ -366,6 +366,8 @@ def _plan_notes(scene: LiftScene) -> list[str]:
         f"{scene.swept.farthest_throw:.1f} m, without bouncing, rolling or wind. Whether that is "
         "enough is not judged.",
     ]
+    if scene.nearest is not None:
+        notes.append("The least distance is one in space; its line is what is seen of it.")
     entered = site.details.exclusion
     notes.append(f"How it is kept clear: {entered or 'not entered'}.")
     if site.details.ground.north is None:
