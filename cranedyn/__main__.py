@@ -454,6 +454,16 @@ def _serve(parser: _Parser) -> None:
     parser.set_defaults(run=serve.run)
 
 
+def _benchmark(parser: _Parser) -> None:
+    """Run a controller in the tasks of the open benchmark, and compare and verify results.
+
+    Example: cranedyn benchmark run full_lqr --tasks inteco
+    """
+    from cranedyn.benchmark.benchmark_command import add_commands
+
+    add_commands(parser)
+
+
 def _add_crane(parser: _Parser) -> None:
     """Add the common options that name a crane, its gravity and its numbers."""
     from cranedyn.model.options import add_crane_options, add_gravity, add_values
@@ -473,6 +483,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "record-template": _record_template,
     "export": _export,
     "drive": _drive,
+    "benchmark": _benchmark,
     "serve": _serve,
 }
 """Functions that configure the parsers of the commands, by the names of these; their docstrings are

@@ -1,8 +1,8 @@
-"""An open benchmark of crane control: the same tasks for every controller, which anybody may enter.
+"""An open benchmark of crane control: the same tasks for every controller, open to all.
 
-A task is data: a crane, a goal, bounds, and what may differ from what a controller is told. An entry
-gets what sensors measure and commands rates of the drives; it runs in a process of its own and never
-sees the crane that moves. Results are a file that everybody can compute again.
+A task is data: a crane, a goal, bounds, and what may differ from what a controller is told. An
+entry gets what sensors measure and commands rates of the drives; it runs in a process of its own
+and never sees the crane that moves. Results are a file that everybody can compute again.
 
 Begin with `entry`, which says what an entry is, then `task` and `evaluate`. `entry_process` is the
 process of an entry, `sensors` what it measures, `baselines` are entries to compare with. `result`

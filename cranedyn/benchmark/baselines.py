@@ -3,9 +3,9 @@ others. ``cranedyn benchmark run NAME`` names one.
 
 They get what every entry gets: the planned crane and what sensors measure, no state and no
 perturbation. Each is a function of a `Briefing` that stands below with a docstring of one sentence.
-Those that plan a motion are told apart in the tasks with a goal only; on a path and in wind they all
-track the path, or the rest. Under an operator, whose commands nobody knows in advance, those that
-track a planned motion decline.
+Those that plan a motion differ in the tasks with a goal only; on a path and in wind they all track
+the path, or the rest. Under an operator, whose commands nobody knows in advance, those that track a
+planned motion decline.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.benchmark.entry import Briefing, Declined, Entry
 from cranedyn.benchmark.sensors import Reading
@@ -22,11 +23,8 @@ from cranedyn.benchmark.task import MOVES
 from cranedyn.controllers import follow, hold_controller, lqr
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.paper import paper_controller
-from cranedyn.controllers.velocity_command import (
-    ShapedVelocityCommand,
-    effort_weight_for_rates,
-    gentle_recovery,
-)
+from cranedyn.controllers.velocity_command import ShapedVelocityCommand, gentle_recovery
+from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import MissingRole
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.lifts.planning.joystick import joystick_path
@@ -68,9 +66,7 @@ class _Operator:
         return Setpoint(self._position, self._rate, np.zeros_like(self._rate))
 
 
-def _with_operator(
-    briefing: Briefing, make: Callable[[Reference], tuple[Any, str]]
-) -> Entry:
+def _with_operator(briefing: Briefing, make: Callable[[Reference], tuple[Any, str]]) -> Entry:
     """Return an entry whose reference is the operator.
 
     Args:
@@ -89,10 +85,51 @@ def _with_operator(
 
 
 def _tracked(briefing: Briefing, motion: Motion) -> Entry:
-    """Return an LQR of the full model about a motion, with gains gentle enough for converters."""
-    crane = briefing.crane
-    gains = lqr(crane, motion, dt=briefing.step, effort_weight=effort_weight_for_rates(crane))
+    """Return an LQR of the full model about a motion, with gains that suit the converters."""
+    state_weight, effort_weight = natural_weights(briefing)
+    gains = lqr(
+        briefing.crane,
+        motion,
+        dt=briefing.step,
+        state_weight=state_weight,
+        effort_weight=effort_weight,
+    )
     return briefing.entry(gains, motion, "effort")
+
+
+def natural_weights(briefing: Briefing) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q and R of an LQR for a crane of any size, shapes (2 n, 2 n) and (m, m).
+
+    By Bryson's rule each weight is one over the square of a size, and the sizes are those of a
+    swing that a drive causes at the largest acceleration a of its converter. With the frequency ω
+    of the load these are a/ω² of its position, a/ω of its rate, the effort that accelerates it by
+    a, and the angle by which the load lags, the horizontal acceleration of the load over
+    gravity.
+    """
+    crane = briefing.crane
+    drives = crane.layout.drives
+    n = crane.layout.n
+    q = briefing.start.q
+    frequency = 2.0 * math.pi / briefing.swing_period
+    accelerations = briefing.converters.accelerations
+
+    inertia = pin.crba(crane.model, crane.data, q)
+    efforts = np.diag(inertia)[drives] * accelerations
+
+    # Way of the load per unit of each drive, by a difference small beside every crane.
+    step = 1e-6
+    place = payload_position(crane, q)
+    largest = 0.0
+    for drive, acceleration in zip(drives, accelerations, strict=True):
+        moved = q.copy()
+        moved[drive] += step
+        way = (payload_position(crane, moved) - place) / step
+        largest = max(largest, float(np.hypot(way[0], way[1])) * float(acceleration))
+
+    sizes = np.full(n, largest / crane.gravity)
+    sizes[drives] = accelerations / frequency**2
+    state_sizes = np.concatenate([sizes, frequency * sizes])
+    return np.diag(state_sizes**-2.0), np.diag(efforts**-2.0)
 
 
 def _planned(briefing: Briefing, plan: Callable[[Briefing], Motion]) -> Entry:

@@ -177,9 +177,7 @@ class Briefing:
         goal = self.goal.q[self.crane.layout.drives].tolist()
         return spline(self.crane, self.start, [goal], [duration])
 
-    def entry(
-        self, controller: Controller, reference: Reference, drive: str = "velocity"
-    ) -> Entry:
+    def entry(self, controller: Controller, reference: Reference, drive: str = "velocity") -> Entry:
         """Return a controller of cranedyn as an entry.
 
         Args:

@@ -1,9 +1,9 @@
 """The process in which an entry runs, and the conversation with it.
 
 `EntryProcess` is the side of the benchmark: it starts the process and asks it for commands. The
-other side is `main`, which the process runs. They talk in frames over two pipes; a frame is a letter
-and the length of what follows, which is JSON or doubles. Nothing in them is run or unpickled. The
-process sees readings, never the crane that moves.
+other side is `main`, which the process runs. They talk in frames over two pipes; a frame is a
+letter and the length of what follows, which is JSON or doubles. Nothing in them is run or
+unpickled. The process sees readings, never the crane that moves.
 
 Limits of processor time and memory are those of the operating system. They keep a faulty entry from
 stopping the others; they are no jail for a hostile one, which may read files and the network.
@@ -307,6 +307,8 @@ class _Side:
 
 def main() -> int:
     """Answer requests until the other side closes the pipe."""
+    # The benchmark is interrupted by Ctrl-C, which a terminal sends to all, and ends this process.
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     # What an entry prints must not get among the answers: its standard output is standard error.
     answers = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)

@@ -217,7 +217,7 @@ def _disturbance(instance: Instance, crane: Crane) -> Disturbance | None:
     if gusts is None:
         return None
     speed = steady(0.0)
-    for i in range(gusts.count):
+    for i in range(gusts.repeats):
         begin = gusts.at + i * gusts.lasts
         rise = gusts.speed * instance.values["gust_factor"]
         speed = cosine_gust(speed, rise, at=begin, lasts=gusts.lasts)
@@ -317,5 +317,3 @@ def violation(task: Task, metrics: Mapping[str, float]) -> str:
             f"{task.hold:g} s."
         )
     return ""
-
-

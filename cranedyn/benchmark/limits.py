@@ -20,6 +20,10 @@ from cranedyn.dynamics.bodies import point_paths
 from cranedyn.errors import OutOfRange
 from cranedyn.references.limits import Limits
 
+AGREEMENT = 0.06
+"""Difference up to which a computed least time is that of a file [s]: three control periods. The
+optimiser ends at a relative error, and settling is counted in whole periods."""
+
 
 def least_time(task: Task) -> float:
     """Return the least time of a move [s].

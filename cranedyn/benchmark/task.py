@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -77,7 +77,7 @@ class Gusts(NamedTuple):
         direction: Direction in which they blow, from the world's +X towards +Y [rad].
         at: Time at which the first one begins [s].
         lasts: Duration of each [s].
-        count: Number of gusts.
+        repeats: Number of gusts.
     """
 
     speed: float
@@ -85,12 +85,12 @@ class Gusts(NamedTuple):
     direction: float
     at: float
     lasts: float
-    count: int
+    repeats: int
 
     @property
     def end(self) -> float:
         """Time at which the last gust ends [s]."""
-        return self.at + self.count * self.lasts
+        return self.at + self.repeats * self.lasts
 
 
 RANGES = {
@@ -230,12 +230,17 @@ class Task:
         """Return the rates that the operator asks for at a time [rad/s or m/s], shape (m,); zero
         without an operator.
         """
-        shares = np.zeros(self.crane().layout.m)
+        shares = np.zeros(len(self.largest_rates))
         for first, *row in self.joystick:
             # A time that rounding puts just before a row belongs to it.
             if t >= first - 1e-9:
                 shares = np.array(row)
-        return shares * self.converters().rates
+        return shares * self.largest_rates
+
+    @cached_property
+    def largest_rates(self) -> np.ndarray:
+        """Largest rates of the drives [rad/s or m/s], shape (m,)."""
+        return self.converters().rates
 
     @property
     def counts_from(self) -> float:
@@ -450,7 +455,10 @@ def _task(
         if field not in own.values:
             own.fail(field, f"it is missing; a task of the kind {kind} needs it.")
     crane = tables["crane"]
-    source = {key: crane.text(key) for key in ("urdf", "machine") if key in crane.values}
+    source: dict[str, str] = {}
+    for key in ("urdf", "machine"):
+        if key in crane.values:
+            source[key] = crane.text(key)
     drives = tables["drives"]
     clock = tables["clock"]
     perturbed = tables["perturbed"]
@@ -560,7 +568,7 @@ def _gusts(name: str, value: Any) -> Gusts:
         direction=number("direction of gusts", table["direction"], "rad"),
         at=number("begin of gusts", table["at"], "s", ">= 0"),
         lasts=number("duration of a gust", table["lasts"], "s", "> 0"),
-        count=whole("number of gusts", table["count"], 1),
+        repeats=whole("number of gusts", table["repeats"], 1),
     )
 
 

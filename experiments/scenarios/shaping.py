@@ -13,6 +13,7 @@ from cranedyn.theory import point_period
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant
 
+
 def joystick_move(setup: Setup, move: RestToRest) -> TimedReference:
     """Return the motion of an operator for a move."""
     crane = setup.crane
