@@ -30,7 +30,7 @@ from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.lifts.planning.joystick import joystick_path
 from cranedyn.references import hold
 from cranedyn.references.flat import flat
-from cranedyn.references.limits import fastest
+from cranedyn.references.limits import Limits, fastest
 from cranedyn.references.motion import Motion
 from cranedyn.references.shaped import Shaper, ei, zv, zvd
 
@@ -155,10 +155,10 @@ def _plain_reference(briefing: Briefing) -> Reference:
     return briefing.motion if briefing.path is None else briefing.path
 
 
-def _planning_limits(briefing: Briefing) -> Any:
+def _planning_limits(briefing: Briefing) -> Limits:
     """Return the limits that planned motions keep."""
     limits = briefing.limits
-    return type(limits)(
+    return Limits(
         (PLANNED_SHARE * np.array(limits.rates)).tolist(),
         (PLANNED_SHARE * np.array(limits.accelerations)).tolist(),
     )

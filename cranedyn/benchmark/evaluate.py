@@ -154,7 +154,8 @@ def run_instance(
     except EntryFailed as failed:
         failure = str(failed)
     except RunError as error:
-        failure = str(commands.failure or error)
+        # An entry cannot go on where the model ceases to hold, as the hint of the error proposes.
+        failure = str(commands.failure or error).partition('; validity="mark"')[0]
     finally:
         process.end_instance()
     taken: tuple[float, ...] = ()

@@ -113,13 +113,13 @@ def scores(result: Result, tasks: Sequence[Task]) -> list[TaskScore]:
 
 
 _HEAD = (
-    "task              failed  settled [s]  share  swing  error    work  command\n"
-    "                           med. worst    [%] [mrad]   [mm]    [kJ]     [µs]"
+    "task              failed  settled [s]  share  swing  error     work  command\n"
+    "                           med. worst    [%] [mrad]   [mm]     [kJ]     [µs]"
 )
 
 
 def score_table(found: Sequence[TaskScore]) -> str:
-    """Return the table of scores, 76 characters wide. A dash is a number that there is not."""
+    """Return the table of scores, 77 characters wide. A dash is a number that there is not."""
     lines = [_HEAD]
     for score in found:
         if score.declined:
@@ -130,7 +130,7 @@ def score_table(found: Sequence[TaskScore]) -> str:
         lines.append(
             f"{score.task:<18}{failed:>6}{_shown(score.settled, '.2f'):>7}{slowest:>6}"
             f"{_shown(100.0 * score.share, '.0f'):>7}{_shown(1e3 * score.swing, '.1f'):>7}"
-            f"{_shown(1e3 * score.error, '.0f'):>7}{_shown(1e-3 * score.work, '.4g'):>8}"
+            f"{_shown(1e3 * score.error, '.0f'):>7}{_shown(1e-3 * score.work, '.3g'):>9}"
             f"{_shown(score.command, '.0f'):>9}"
         )
     return "\n".join(lines)
