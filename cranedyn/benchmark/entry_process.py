@@ -41,6 +41,9 @@ _OPEN, _BEGIN, _STEP = b"O", b"B", b"S"
 _READY, _COMMAND, _DECLINED, _ERROR = b"R", b"C", b"D", b"E"
 """Answers."""
 
+_LAST_WORDS = 5.0
+"""Time for which a process that has closed its pipes may take to end [s]."""
+
 _MAX_FRAME = 1_000_000
 """Longest frame that is read [byte]."""
 
@@ -191,7 +194,10 @@ class EntryProcess:
     def _ended(self) -> EntryFailed:
         """Return the reason for which the process has ended."""
         assert self._process is not None
-        # An entry may have closed the pipes and go on.
+        # It ends by itself in most cases, and then says how. An entry may also have closed the pipes
+        # and go on.
+        with suppress(subprocess.TimeoutExpired):
+            self._process.wait(_LAST_WORDS)
         self._process.kill()
         code = self._process.wait()
         was_late = self._was_late

@@ -19,6 +19,7 @@ from cranedyn.benchmark.task import Task
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.errors import OutOfRange
 from cranedyn.references.limits import Limits
+from cranedyn.references.motion import Motion
 
 AGREEMENT = 0.06
 """Difference up to which a computed least time is that of a file [s]: three control periods. The
@@ -26,7 +27,22 @@ optimiser ends at a relative error, and settling is counted in whole periods."""
 
 
 def least_time(task: Task) -> float:
-    """Return the least time of a move [s].
+    """Return the time at which the load of the motion of least time has come within the tolerance
+    of the goal for good [s].
+
+    Raises:
+        OutOfRange: If the task has no goal.
+        CraneError: If the optimiser does not converge, or the extra `optimal` is not installed.
+    """
+    motion = least_time_motion(task)
+    load = point_paths(task.crane(), motion.q)[:, 0]
+    distance = np.linalg.norm(load - load[-1], axis=1)
+    times = motion.period * np.arange(len(motion.q))
+    return float(settling_time(times, distance, task.tolerance))
+
+
+def least_time_motion(task: Task) -> Motion:
+    """Return the motion of least time of a move, from rest to rest.
 
     Raises:
         OutOfRange: If the task has no goal.
@@ -37,10 +53,9 @@ def least_time(task: Task) -> float:
     goal = task.goal_state()
     if goal is None:
         raise OutOfRange("task", task.name, "one with a goal")
-    crane = task.crane()
     converters = task.converters()
-    motion = optimal(
-        crane,
+    return optimal(
+        task.crane(),
         task.start_state(),
         goal,
         Limits(converters.rates.tolist(), converters.accelerations.tolist()),
@@ -49,7 +64,3 @@ def least_time(task: Task) -> float:
         ramp=float((converters.accelerations / converters.jerks).min()),
         period=task.period,
     )
-    load = point_paths(crane, motion.q)[:, 0]
-    distance = np.linalg.norm(load - load[-1], axis=1)
-    times = motion.period * np.arange(len(motion.q))
-    return float(settling_time(times, distance, task.tolerance))
