@@ -6,9 +6,9 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from cranedyn.benchmark.entry import FORMS, find_entry
 from cranedyn.benchmark.entry_process import EntryLimits
-from cranedyn.benchmark.result import Result, read_result, run_benchmark, verify
+from cranedyn.benchmark.entry_source import FORMS, find_entry
+from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
 from cranedyn.benchmark.score import score_table, scores, totals
 from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
 from cranedyn.checks import number, whole
@@ -179,7 +179,7 @@ def _compare(options: argparse.Namespace) -> int:
 
     if len(options.results) < 2:
         raise OutOfRange("number of results", len(options.results), "2 or more")
-    first, *others = [read_result(file) for file in options.results]
+    first, *others = [read_benchmark_result(file) for file in options.results]
     tasks = all_tasks()
     for other in others:
         check_comparable(first, other)
@@ -215,7 +215,7 @@ def _configure_verify(parser: Parser) -> None:
 
 def _verify(options: argparse.Namespace) -> int:
     """Verify a result."""
-    result = read_result(options.result)
+    result = read_benchmark_result(options.result)
     sample = None if options.sample is None else whole("--sample", options.sample, 1)
     with bar("verification", len(result.tasks)) as progress:
         found = verify(

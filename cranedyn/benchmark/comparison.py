@@ -15,7 +15,7 @@ import numpy as np
 from cranedyn.benchmark.evaluate import InstanceResult
 from cranedyn.benchmark.result import Result
 from cranedyn.benchmark.score import MAIN
-from cranedyn.benchmark.task import KINDS, Task
+from cranedyn.benchmark.task import KINDS, CraneTask
 from cranedyn.errors import CraneError
 
 CONFIDENCE = 0.95
@@ -57,7 +57,7 @@ class KindComparison:
     p: float | None
 
 
-def compare(first: Result, second: Result, tasks: Sequence[Task]) -> list[KindComparison]:
+def compare(first: Result, second: Result, tasks: Sequence[CraneTask]) -> list[KindComparison]:
     """Compare two results in each kind of task that both have.
 
     Instances that one of them does not take part in do not count.

@@ -11,8 +11,8 @@ An entry is a function that is told the task and returns a controller::
         return rates
 
 The function is called once for each instance, with a `Briefing`. What it returns is called once in
-each control period with a `Reading` and returns the rates of the drives [rad/s or m/s], shape (m,).
-An entry that is not made for a kind of task raises `Declined`.
+each control period with a `SensorReading` and returns the rates of the drives [rad/s or m/s], shape
+(m,). An entry that is not made for a kind of task raises `Declined`.
 """
 
 from __future__ import annotations
@@ -24,33 +24,17 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.benchmark.sensors import Reading
-from cranedyn.benchmark.task import Task
+from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.task import CraneTask
 from cranedyn.controllers.velocity_command import as_velocity_command
-from cranedyn.data.files import digest
 from cranedyn.dynamics.converters import Converters
-from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, format_error, quoted
+from cranedyn.errors import CraneError, OutOfRange, format_error
 from cranedyn.interfaces import Controller, Reference, State
 from cranedyn.interop.controller_file import load_function, open_controller
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion, hanging_reference
 from cranedyn.references.simple import hold, shortest, spline
-
-FORMS = "FILE.py:FUNCTION, FILE.json or FILE.mat, or the name of a baseline"
-"""Forms in which an entry is named."""
-
-NOT_YET = {
-    ".so": "a shared library in C",
-    ".dll": "a shared library in C",
-    ".fmu": "an FMU",
-    ".zip": "a policy of Stable-Baselines3",
-    ".onnx": "a policy in ONNX",
-}
-"""Entries that cannot be entered yet, by the ending of their file."""
-
-BASELINES = Path(__file__).resolve().parent / "baselines.py"
-"""File of the baselines, which are entries like all others."""
 
 _SLOWER = 1.5
 """Duration of the motion that `Briefing.motion` plans over the shortest for the drives, so that the
@@ -59,7 +43,7 @@ swing it causes is well below its bound. Our choice."""
 _MIN_PERIODS = 2
 """Shortest such motion in periods of the load."""
 
-Entry = Callable[[Reading], np.ndarray]
+Entry = Callable[[SensorReading], np.ndarray]
 """A controller of the benchmark: from a reading to the rates of the drives, shape (m,)."""
 
 
@@ -107,7 +91,7 @@ class Briefing:
         """Largest rates and accelerations of the drives, for planning."""
         return Limits(self.converters.rates.tolist(), self.converters.accelerations.tolist())
 
-    def state(self, reading: Reading) -> State:
+    def state(self, reading: SensorReading) -> State:
         """Return a reading as a state of the crane, for controllers of cranedyn. Passive joints
         that are not measured are at rest.
         """
@@ -198,13 +182,13 @@ class Briefing:
         if hasattr(controller, "begin_run"):
             controller.begin_run(0.0, self.period)
 
-        def rates(reading: Reading) -> np.ndarray:
+        def rates(reading: SensorReading) -> np.ndarray:
             return controller(reading.t, self.state(reading), reference(reading.t))
 
         return rates
 
 
-def briefing_of(task: Task) -> Briefing:
+def briefing_of(task: CraneTask) -> Briefing:
     """Return what an entry is told of a task."""
     start = task.start_state()
     return Briefing(
@@ -221,67 +205,6 @@ def briefing_of(task: Task) -> Briefing:
         tolerance=task.tolerance,
         swing_bound=task.swing_bound,
     )
-
-
-@dataclass(frozen=True)
-class EntrySource:
-    """Where an entry comes from.
-
-    Attributes:
-        name: Its name in tables.
-        source: How it is opened: FILE.py:FUNCTION, or a file of matrices.
-        file: The file.
-    """
-
-    name: str
-    source: str
-    file: Path
-
-    @property
-    def digest(self) -> str:
-        """SHA-256 of the file, in hexadecimal digits. Other files that it reads do not count."""
-        return digest(self.file)
-
-
-def find_entry(text: str) -> EntrySource:
-    """Return where the entry is that a text names, without opening it.
-
-    Raises:
-        DataError: If the text has none of the `FORMS`, or there is no such file.
-        UnknownName: If it is a word, but no baseline.
-    """
-    file, _, function = text.rpartition(":")
-    path = Path(text)
-    if file.endswith(".py"):
-        return _existing(EntrySource(function, text, Path(file)))
-    if path.suffix in NOT_YET:
-        raise DataError(
-            f"{quoted(text)} is {NOT_YET[path.suffix]}, which cannot be entered yet; allowed is "
-            f"{FORMS}. A function in Python may call it."
-        )
-    if path.suffix in (".json", ".mat"):
-        return _existing(EntrySource(path.stem, text, path))
-    if path.suffix == ".py":
-        raise DataError(f"{quoted(text)} names no function; write {path}:FUNCTION.")
-    if "/" in text or "." in text:
-        raise DataError(f"{quoted(text)} names no entry; allowed is {FORMS}.")
-    # Baselines are read here, and not by their names above, since their file imports much.
-    from cranedyn.benchmark.baselines import NAMES
-
-    if text not in NAMES:
-        raise UnknownName("baseline", text, NAMES, "Your own entry is FILE.py:FUNCTION.")
-    return EntrySource(text, f"{BASELINES}:{text}", BASELINES)
-
-
-def _existing(entry: EntrySource) -> EntrySource:
-    """Return an entry whose file is there.
-
-    Raises:
-        DataError: If it is not.
-    """
-    if not entry.file.is_file():
-        raise DataError(f"Cannot read {entry.file}: there is no such file.")
-    return entry
 
 
 Opened = Callable[[Briefing], Entry]

@@ -28,8 +28,8 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of, open_entry
-from cranedyn.benchmark.sensors import Reading
-from cranedyn.benchmark.task import Task, read_tasks
+from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.task import CraneTask, read_tasks
 from cranedyn.errors import CraneError, format_error
 
 _FRAME = struct.Struct("<cI")
@@ -83,7 +83,7 @@ class EntryProcess:
         """Name the entry; the process starts with the first instance.
 
         Args:
-            source: How it is opened, see `cranedyn.benchmark.entry.EntrySource`.
+            source: How it is opened, see `cranedyn.benchmark.entry_source.EntrySource`.
             limits: What it may use.
         """
         self._source = source
@@ -92,7 +92,7 @@ class EntryProcess:
         self._timer: threading.Timer | None = None
         self._was_late = False
 
-    def begin(self, task: Task) -> None:
+    def begin(self, task: CraneTask) -> None:
         """Begin an instance of a task.
 
         Raises:
@@ -107,7 +107,7 @@ class EntryProcess:
         if letter == _DECLINED:
             raise Declined(content.decode())
 
-    def command(self, reading: Reading) -> tuple[np.ndarray, float]:
+    def command(self, reading: SensorReading) -> tuple[np.ndarray, float]:
         """Return the command for a reading, and the processor time that it took by the clock of the
         process [s].
 
@@ -194,8 +194,8 @@ class EntryProcess:
     def _ended(self) -> EntryFailed:
         """Return the reason for which the process has ended."""
         assert self._process is not None
-        # It ends by itself in most cases, and then says how. An entry may also have closed the pipes
-        # and go on.
+        # It ends by itself in most cases, and then says how. An entry may also have closed the
+        # pipes and go on.
         with suppress(subprocess.TimeoutExpired):
             self._process.wait(_LAST_WORDS)
         self._process.kill()
@@ -295,7 +295,7 @@ class _Side:
         s = self._swings
         ends = np.cumsum([1, m, m, s, s])
         time_part, position, rate, swing, swing_rate, operator = np.split(numbers, ends)
-        reading = Reading(float(time_part[0]), position, rate, swing, swing_rate, operator)
+        reading = SensorReading(float(time_part[0]), position, rate, swing, swing_rate, operator)
         assert self._entry is not None
         begun = time.thread_time()
         command = self._entry(reading)

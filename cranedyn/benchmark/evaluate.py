@@ -12,7 +12,7 @@ from cranedyn.analysis.swing import settling_time
 from cranedyn.benchmark.entry import Declined
 from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess
 from cranedyn.benchmark.sensors import SensorChain
-from cranedyn.benchmark.task import MOVES, Instance, Task, instances
+from cranedyn.benchmark.task import MOVES, CraneTask, Instance, instances
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.dynamics.bodies import point_paths
@@ -28,7 +28,7 @@ METRICS = ("settled_s", "swing_rad", "error_m", "rms_error_m", "work_J", "stray"
 """Names of what is measured of a run:
 
 settled_s: time until the load stays within the tolerance of where it shall be, counted from
-    `Task.counts_from` [s]; missing if it does not.
+    `CraneTask.counts_from` [s]; missing if it does not.
 swing_rad: largest swing [rad].
 error_m, rms_error_m: largest distance of the load from where it should be, and its root mean square
     [m]; on a path and in wind only.
@@ -77,7 +77,7 @@ class InstanceResult:
 
 
 def evaluate_task(
-    task: Task,
+    task: CraneTask,
     source: str,
     *,
     seeds: str,
@@ -260,7 +260,7 @@ def measured(instance: Instance, crane: Crane, run: Trajectory) -> dict[str, flo
     return metrics
 
 
-def operator_travel(task: Task) -> np.ndarray:
+def operator_travel(task: CraneTask) -> np.ndarray:
     """Return how far the operator sends each drive [rad or m], shape (m,): the integral of the
     rates that are asked for.
     """
@@ -296,7 +296,7 @@ def _target(instance: Instance, crane: Crane, run: Trajectory) -> np.ndarray:
     return np.broadcast_to(target, (len(run.t), 3))
 
 
-def violation(task: Task, metrics: Mapping[str, float]) -> str:
+def violation(task: CraneTask, metrics: Mapping[str, float]) -> str:
     """Return the first bound of a task that a run did not keep, as a sentence; empty if it kept
     all.
     """

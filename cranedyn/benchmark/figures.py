@@ -9,7 +9,7 @@ import numpy as np
 
 from cranedyn.benchmark.result import Result
 from cranedyn.benchmark.score import MAIN
-from cranedyn.benchmark.task import Task
+from cranedyn.benchmark.task import CraneTask
 from cranedyn.data.files import atomic_write
 
 _SPREAD = 0.6
@@ -19,7 +19,7 @@ _FAILED_AT = 4.0
 """Place of failed instances on the axis, right of nearly all others."""
 
 
-def write_figure(file: Path, results: Sequence[Result], tasks: Sequence[Task]) -> None:
+def write_figure(file: Path, results: Sequence[Result], tasks: Sequence[CraneTask]) -> None:
     """Write the figure of results as a picture or a PDF, by the ending of the file.
 
     A point is an instance: its time of settling, or in wind and on a path its error, over the
@@ -73,7 +73,7 @@ def _scatter(
     axes.scatter(x, y, s=18, marker=marker, color=colour, label=label)  # type: ignore[attr-defined]
 
 
-def _scale(results: Sequence[Result], task: Task, metric: str) -> float:
+def _scale(results: Sequence[Result], task: CraneTask, metric: str) -> float:
     """Return the median of a metric in a task: of the first result that passed an instance there.
     Where that is 0, as of a load that is settled at once, it is a control period or a millimetre.
     """

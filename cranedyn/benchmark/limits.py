@@ -15,7 +15,7 @@ from __future__ import annotations
 import numpy as np
 
 from cranedyn.analysis.swing import settling_time
-from cranedyn.benchmark.task import Task
+from cranedyn.benchmark.task import CraneTask
 from cranedyn.dynamics.bodies import point_paths
 from cranedyn.errors import OutOfRange
 from cranedyn.references.limits import Limits
@@ -26,7 +26,7 @@ AGREEMENT = 0.06
 optimiser ends at a relative error, and settling is counted in whole periods."""
 
 
-def least_time(task: Task) -> float:
+def least_time(task: CraneTask) -> float:
     """Return the time at which the load of the motion of least time has come within the tolerance
     of the goal for good [s].
 
@@ -41,7 +41,7 @@ def least_time(task: Task) -> float:
     return float(settling_time(times, distance, task.tolerance))
 
 
-def least_time_motion(task: Task) -> Motion:
+def least_time_motion(task: CraneTask) -> Motion:
     """Return the motion of least time of a move, from rest to rest.
 
     Raises:

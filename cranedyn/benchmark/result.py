@@ -18,10 +18,10 @@ from importlib.metadata import version as installed_version
 from pathlib import Path
 from typing import Any
 
-from cranedyn.benchmark.entry import EntrySource, find_entry
 from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_source import EntrySource, find_entry
 from cranedyn.benchmark.evaluate import USUAL, InstanceResult, Variant, evaluate_task
-from cranedyn.benchmark.task import VERSION, Task, check_seeds
+from cranedyn.benchmark.task import VERSION, CraneTask, check_seeds
 from cranedyn.checks import number, worker_count
 from cranedyn.data.files import parse_json, read_text, write_text
 from cranedyn.errors import CraneError, DataError, quoted
@@ -84,7 +84,7 @@ class Result:
 
 
 def run_benchmark(
-    tasks: Sequence[Task],
+    tasks: Sequence[CraneTask],
     source: EntrySource,
     text: str,
     *,
@@ -117,12 +117,12 @@ def run_benchmark(
     by_task: dict[str, list[InstanceResult]] = {}
     digest = source.digest
 
-    def keep(task: Task, results: list[InstanceResult]) -> None:
+    def keep(task: CraneTask, results: list[InstanceResult]) -> None:
         by_task[task.name] = results
         if progress is not None:
             progress(len(by_task))
 
-    def arguments(task: Task) -> dict[str, Any]:
+    def arguments(task: CraneTask) -> dict[str, Any]:
         chosen = None if indices is None else indices[task.name]
         return {"seeds": seeds, "indices": chosen, "limits": limits, "variant": variant}
 
@@ -132,7 +132,7 @@ def run_benchmark(
     else:
         context = multiprocessing.get_context("spawn")
         with ProcessPoolExecutor(count, context, initializer=end_with_parent) as pool:
-            futures: dict[Future[list[InstanceResult]], Task] = {}
+            futures: dict[Future[list[InstanceResult]], CraneTask] = {}
             # Submitting starts processes, which must not end at an interruption by themselves.
             with ignore_sigint():
                 for task in tasks:
@@ -169,7 +169,7 @@ def _versions() -> dict[str, str]:
 # --- reading --------------------------------------------------------------------------------------
 
 
-def read_result(file: str | Path) -> Result:
+def read_benchmark_result(file: str | Path) -> Result:
     """Read a result from its file.
 
     Raises:
@@ -262,7 +262,7 @@ class Verification:
 
 def verify(
     result: Result,
-    tasks: Sequence[Task],
+    tasks: Sequence[CraneTask],
     *,
     text: str | None = None,
     sample: int | None = None,

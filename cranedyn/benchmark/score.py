@@ -15,7 +15,7 @@ import numpy as np
 
 from cranedyn.benchmark.evaluate import InstanceResult
 from cranedyn.benchmark.result import Result
-from cranedyn.benchmark.task import Task
+from cranedyn.benchmark.task import CraneTask
 
 MAIN = {
     "move": "settled_s",
@@ -64,7 +64,7 @@ class TaskScore:
     main: float
 
 
-def task_score(task: Task, results: Sequence[InstanceResult]) -> TaskScore:
+def task_score(task: CraneTask, results: Sequence[InstanceResult]) -> TaskScore:
     """Return what the instances of a task say together."""
     passed = [result for result in results if result.status == "passed"]
     failed = sum(result.status == "failed" for result in results)
@@ -102,7 +102,7 @@ def _largest(results: Sequence[InstanceResult], metric: str) -> float:
     return max(values) if values else math.nan
 
 
-def scores(result: Result, tasks: Sequence[Task]) -> list[TaskScore]:
+def scores(result: Result, tasks: Sequence[CraneTask]) -> list[TaskScore]:
     """Return the score of each task that a result has, in the order of the tasks."""
     found = []
     for task in tasks:

@@ -15,7 +15,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 
 
-class Reading(NamedTuple):
+class SensorReading(NamedTuple):
     """What an entry gets in each control period, for m drives and s swing angles.
 
     Attributes:
@@ -73,11 +73,11 @@ class SensorChain:
             self._zero[crane.winch] = -values["rope_offset"]
         self._bias = values["swing_bias"]
         delay = task.sensors.delay + round(values["more_delay"])
-        self._readings: deque[Reading] = deque(maxlen=delay + 1)
+        self._readings: deque[SensorReading] = deque(maxlen=delay + 1)
         self._outage_begins = values["outage_at"]
         self._outage_ends = values["outage_at"] + values["outage"]
 
-    def read(self, t: float, state: State) -> Reading:
+    def read(self, t: float, state: State) -> SensorReading:
         """Return the reading at a time [s], of which the operator's part is not measured, and so
         neither late nor noisy.
         """
@@ -88,7 +88,7 @@ class SensorChain:
         oldest = self._readings[0]
         return oldest._replace(t=t, operator=self._task.operator_rates(t))
 
-    def _measured(self, t: float, state: State) -> Reading:
+    def _measured(self, t: float, state: State) -> SensorReading:
         """Return the reading without delay and outage."""
         crane = self._crane
         drives = crane.layout.drives
@@ -105,7 +105,7 @@ class SensorChain:
         m = len(drives)
         s = len(crane.swings)
         position, rate, swing, swing_rate = np.split(noisy, [m, 2 * m, 2 * m + s])
-        return Reading(
+        return SensorReading(
             t=t,
             position=_rounded(position, self._task.sensors.position_step),
             rate=rate,

@@ -123,7 +123,7 @@ gust_direction: angle by which their direction is turned [rad].
 
 
 @dataclass(frozen=True, eq=False)
-class Task:
+class CraneTask:
     """A task on one crane with m drives; immutable.
 
     Attributes:
@@ -287,7 +287,7 @@ class Instance:
         noise_seed: Seed of the noise of the sensors.
     """
 
-    task: Task
+    task: CraneTask
     index: int
     seeds: str
     values: Mapping[str, float]
@@ -300,7 +300,7 @@ class Instance:
         return f"{self.task.name} {self.index}"
 
 
-def instances(task: Task, seeds: str = PUBLIC) -> list[Instance]:
+def instances(task: CraneTask, seeds: str = PUBLIC) -> list[Instance]:
     """Return the nominal instance of a task and its perturbed ones.
 
     Each number is uniform in its range of the task. An instance has a seed of its own, so that a
@@ -361,15 +361,15 @@ def seed_of(seeds: str, task_name: str, index: int) -> int:
 # --- reading --------------------------------------------------------------------------------------
 
 
-def all_tasks() -> list[Task]:
+def all_tasks() -> list[CraneTask]:
     """Return the tasks of this version, crane by crane."""
-    found: list[Task] = []
+    found: list[CraneTask] = []
     for file in sorted(FOLDER.glob("*.toml")):
         found += read_tasks(file)
     return found
 
 
-def select_tasks(patterns: Sequence[str]) -> list[Task]:
+def select_tasks(patterns: Sequence[str]) -> list[CraneTask]:
     """Return tasks of this version by name, crane or kind; all of them if there are no patterns.
 
     Raises:
@@ -417,7 +417,7 @@ _NEEDED = {
 
 
 @cache
-def read_tasks(file: Path) -> tuple[Task, ...]:
+def read_tasks(file: Path) -> tuple[CraneTask, ...]:
     """Return the tasks of a file, in the order of `KINDS`.
 
     Raises:
@@ -449,7 +449,7 @@ def read_tasks(file: Path) -> tuple[Task, ...]:
 
 def _task(
     file: Path, kind: str, content: dict[str, Any], tables: Mapping[str, SiteTable], own: SiteTable
-) -> Task:
+) -> CraneTask:
     """Return a task from the tables of its file and its own table."""
     for field in _NEEDED[kind]:
         if field not in own.values:
@@ -465,7 +465,7 @@ def _task(
     ranges = _ranges(perturbed, perturbed.values)
     if "perturbed" in own.values:
         ranges |= _ranges(own, own.take("perturbed", _table))
-    return Task(
+    return CraneTask(
         file=file,
         crane_name=file.stem,
         kind=kind,

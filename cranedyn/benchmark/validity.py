@@ -12,12 +12,12 @@ import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from cranedyn.benchmark.entry import EntrySource
 from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.evaluate import USUAL, Variant
 from cranedyn.benchmark.result import run_benchmark
 from cranedyn.benchmark.score import mean_places, scores
-from cranedyn.benchmark.task import PUBLIC, Task
+from cranedyn.benchmark.task import PUBLIC, CraneTask
 from cranedyn.errors import OutOfRange
 
 OTHER_SEEDS = "2026-01-01"
@@ -48,7 +48,7 @@ class Order:
 
 
 def orders(
-    tasks: Sequence[Task],
+    tasks: Sequence[CraneTask],
     entries: Mapping[str, EntrySource],
     *,
     jobs: int | None = 1,

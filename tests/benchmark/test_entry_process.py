@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.benchmark.entry import NOT_YET, Declined, find_entry
+from cranedyn.benchmark.entry import Declined
 from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess
+from cranedyn.benchmark.entry_source import NOT_YET, find_entry
 from cranedyn.benchmark.evaluate import run_instance
-from cranedyn.benchmark.sensors import Reading
+from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.errors import CraneError, DataError, UnknownName
 from tests.benchmark.toys import toy, toy_instance
 
@@ -69,10 +70,12 @@ def process(tmp_path: Path) -> Iterator[EntryProcess]:
     process.close()
 
 
-def reading(t: float) -> Reading:
+def reading(t: float) -> SensorReading:
     """A reading with a number in each place."""
     three = np.array([0.3, 0.4, 0.5])
-    return Reading(t, three, 10.0 * three, np.array([0.1, 0.2]), np.array([1.0, 2.0]), 0.0 * three)
+    return SensorReading(
+        t, three, 10.0 * three, np.array([0.1, 0.2]), np.array([1.0, 2.0]), 0.0 * three
+    )
 
 
 @pytest.mark.slow

@@ -16,7 +16,7 @@ from cranedyn.benchmark.evaluate import (
     run_instance,
     violation,
 )
-from cranedyn.benchmark.sensors import Reading, SensorChain
+from cranedyn.benchmark.sensors import SensorChain, SensorReading
 from cranedyn.benchmark.task import Instance, instances, select_tasks
 from tests.benchmark.toys import InThisProcess, still, towards_goal, toy, toy_instance
 
@@ -36,7 +36,7 @@ def with_sensors(instance: Instance, **values: float) -> Instance:
 # --- sensors --------------------------------------------------------------------------------------
 
 
-def readings(instance: Instance, count: int = 6) -> list[Reading]:
+def readings(instance: Instance, count: int = 6) -> list[SensorReading]:
     """Readings of a trolley that runs at 0.1 m/s, with a swing of 0.1 rad/s."""
     crane = instance.task.crane()
     sensors = SensorChain(instance, crane)

@@ -12,12 +12,12 @@ import pytest
 from cranedyn.__main__ import main
 from cranedyn.benchmark import task as task_module
 from cranedyn.benchmark.comparison import compare
-from cranedyn.benchmark.entry import find_entry
 from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_source import find_entry
 from cranedyn.benchmark.evaluate import USUAL, InstanceResult
-from cranedyn.benchmark.result import Result, read_result, run_benchmark, verify
+from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
 from cranedyn.benchmark.score import mean_places, score_table, scores, task_score
-from cranedyn.benchmark.task import VERSION, Task
+from cranedyn.benchmark.task import VERSION, CraneTask
 from cranedyn.benchmark.validity import VARIANTS, order_table, orders
 from cranedyn.errors import CraneError, DataError, OutOfRange
 from tests.benchmark.toys import TOY, result_of, toy
@@ -45,13 +45,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def tasks() -> list[Task]:
+def tasks() -> list[CraneTask]:
     """Two short tasks."""
     return [toy("move"), toy("operator")]
 
 
 @pytest.fixture(scope="module")
-def result(folder: Path, tasks: list[Task]) -> Result:
+def result(folder: Path, tasks: list[CraneTask]) -> Result:
     """The result of an entry in them."""
     text = f"{folder / 'mine.py'}:towards"
     return run_benchmark(tasks, find_entry(text), text, seeds="2026-11-28")
@@ -80,7 +80,7 @@ def made(entry: str, instances: list[InstanceResult]) -> Result:
 def test_a_result_is_read_as_it_was_written(result: Result, tmp_path: Path) -> None:
     file = tmp_path / "result.json"
     result.write(file)
-    assert read_result(file) == result
+    assert read_benchmark_result(file) == result
     content = json.loads(file.read_text(encoding="utf-8"))
     assert content["format"] == "cranedyn benchmark result 1"
     assert {*content["versions"]} >= {"cranedyn", "numpy", "pin", "processor"}
@@ -103,12 +103,12 @@ def test_a_file_that_is_no_result_is_refused(
     content = json.loads(file.read_text(encoding="utf-8"))
     file.write_text(json.dumps({**content, key: value}), encoding="utf-8")
     with pytest.raises(DataError, match=sentence):
-        read_result(file)
+        read_benchmark_result(file)
 
 
 @pytest.mark.slow
 def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
-    result: Result, tasks: list[Task]
+    result: Result, tasks: list[CraneTask]
 ) -> None:
     same = verify(result, tasks)
     assert same.differences == []
@@ -126,7 +126,7 @@ def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
 
 
 def test_a_result_of_another_entry_or_other_tasks_is_not_compared(
-    result: Result, tasks: list[Task], folder: Path
+    result: Result, tasks: list[CraneTask], folder: Path
 ) -> None:
     changed = folder / "changed.py"
     changed.write_text(ENTRY + "\n", encoding="utf-8")
@@ -298,7 +298,7 @@ def test_wrong_arguments_are_refused_in_a_sentence(
     assert list(tmp_path.iterdir()) == []
 
 
-def test_every_score_of_a_result_is_in_its_table(result: Result, tasks: list[Task]) -> None:
+def test_every_score_of_a_result_is_in_its_table(result: Result, tasks: list[CraneTask]) -> None:
     found = scores(result, tasks)
     assert [score.task for score in found] == ["toy/move", "toy/operator"]
     table = score_table(found).splitlines()

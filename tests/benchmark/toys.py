@@ -9,13 +9,13 @@ import numpy as np
 
 from cranedyn.benchmark.entry import Briefing, Entry, Opened, briefing_of
 from cranedyn.benchmark.evaluate import InstanceResult
-from cranedyn.benchmark.sensors import Reading
-from cranedyn.benchmark.task import Instance, Task, instances, read_tasks
+from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.task import CraneTask, Instance, instances, read_tasks
 
 TOY = Path(__file__).with_name("toy.toml")
 
 
-def toy(kind: str) -> Task:
+def toy(kind: str) -> CraneTask:
     """The short task of a kind."""
     return next(task for task in read_tasks(TOY) if task.kind == kind)
 
@@ -52,14 +52,14 @@ class InThisProcess:
     def __init__(self, opened: Opened) -> None:
         self._opened = opened
         self.briefing: Briefing | None = None
-        self.readings: list[Reading] = []
+        self.readings: list[SensorReading] = []
 
-    def begin(self, task: Task) -> None:
+    def begin(self, task: CraneTask) -> None:
         """Tell the entry what it is told."""
         self.briefing = briefing_of(task)
         self._entry = self._opened(self.briefing)
 
-    def command(self, reading: Reading) -> tuple[np.ndarray, float]:
+    def command(self, reading: SensorReading) -> tuple[np.ndarray, float]:
         """Return the command, and one microsecond."""
         self.readings.append(reading)
         return np.asarray(self._entry(reading), dtype=float), 1e-6
