@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from cranedyn.__main__ import main
+from cranedyn.benchmark import evaluate
 from cranedyn.benchmark import task as task_module
 from cranedyn.benchmark.comparison import compare
 from cranedyn.benchmark.entry_process import EntryLimits
@@ -20,7 +21,7 @@ from cranedyn.benchmark.score import mean_places, score_table, scores, task_scor
 from cranedyn.benchmark.task import VERSION, CraneTask
 from cranedyn.benchmark.validity import VARIANTS, order_table, orders
 from cranedyn.errors import CraneError, DataError, OutOfRange
-from tests.benchmark.toys import TOY, result_of, toy
+from tests.benchmark.toys import TOY, opened_here, result_of, toy
 from tests.next_commands import check_next_commands
 
 ENTRY = """
@@ -54,7 +55,9 @@ def tasks() -> list[CraneTask]:
 def result(folder: Path, tasks: list[CraneTask]) -> Result:
     """The result of an entry in them."""
     text = f"{folder / 'mine.py'}:towards"
-    return run_benchmark(tasks, find_entry(text), text, seeds="2026-11-28")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(evaluate, "EntryProcess", opened_here)
+        return run_benchmark(tasks, find_entry(text), text, seeds="2026-11-28")
 
 
 def made(entry: str, instances: list[InstanceResult]) -> Result:
@@ -106,10 +109,10 @@ def test_a_file_that_is_no_result_is_refused(
         read_benchmark_result(file)
 
 
-@pytest.mark.slow
 def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
-    result: Result, tasks: list[CraneTask]
+    result: Result, tasks: list[CraneTask], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr(evaluate, "EntryProcess", opened_here)
     same = verify(result, tasks)
     assert same.differences == []
     assert same.compared == 6
@@ -225,7 +228,10 @@ def test_results_of_other_instances_are_not_compared(change: dict, sentence: str
 
 
 @pytest.mark.slow
-def test_the_order_of_entries_is_computed_under_each_variant(folder: Path) -> None:
+def test_the_order_of_entries_is_computed_under_each_variant(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(evaluate, "EntryProcess", opened_here)
     entries = {name: find_entry(f"{folder / 'mine.py'}:{name}") for name in ("towards", "slowly")}
     found = orders([toy("move")], entries)
     assert [order.variant for order in found] == [*VARIANTS]

@@ -7,7 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.benchmark.entry import Briefing, Entry, Opened, briefing_of
+from cranedyn.benchmark.entry import Briefing, Entry, Opened, briefing_of, open_entry
+from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.evaluate import InstanceResult
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask, Instance, instances, read_tasks
@@ -66,6 +67,14 @@ class InThisProcess:
 
     def end_instance(self) -> None:
         """Do nothing."""
+
+    def close(self) -> None:
+        """Do nothing."""
+
+
+def opened_here(source: str, limits: EntryLimits) -> InThisProcess:
+    """An entry from its file in this process, for tests that are not about processes."""
+    return InThisProcess(open_entry(source))
 
 
 def result_of(task: str, index: int, **values: Any) -> InstanceResult:
