@@ -6,7 +6,7 @@ import argparse
 from collections.abc import Callable
 from pathlib import Path
 
-from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_process import EntryLimits, check_opens
 from cranedyn.benchmark.entry_source import FORMS, find_entry
 from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
 from cranedyn.benchmark.score import score_table, scores, totals
@@ -120,6 +120,7 @@ def _run(options: argparse.Namespace) -> int:
     file = options.output or Path("out/benchmark", f"{source.name}.json")
     # Before anything is computed, which may take minutes.
     check_writable(file)
+    check_opens(source.source, limits)
     with bar("benchmark", len(tasks)) as progress:
         result = run_benchmark(
             tasks,

@@ -92,6 +92,15 @@ class EntryProcess:
         self._timer: threading.Timer | None = None
         self._was_late = False
 
+    def open(self) -> None:
+        """Start the process and open the entry, if it does not run already.
+
+        Raises:
+            EntryFailed: If it cannot be opened.
+        """
+        if self._process is None:
+            self._start()
+
     def begin(self, task: CraneTask) -> None:
         """Begin an instance of a task.
 
@@ -99,8 +108,7 @@ class EntryProcess:
             Declined: If the entry does not take part in it.
             EntryFailed: If it cannot be opened or does not make a controller.
         """
-        if self._process is None:
-            self._start()
+        self.open()
         self._start_timer()
         file = str(task.file.resolve())
         letter, content = self._ask(_BEGIN, json.dumps([file, task.kind]).encode())
@@ -157,7 +165,12 @@ class EntryProcess:
         )
         self._start_timer()
         settings = [self._source, self._limits.seconds, self._limits.megabytes]
-        self._ask(_OPEN, json.dumps(settings).encode())
+        try:
+            self._ask(_OPEN, json.dumps(settings).encode())
+        except EntryFailed:
+            # A process without an entry serves no instance.
+            self.close()
+            raise
 
     def _start_timer(self) -> None:
         """Kill the process after the patience of the limits, counted from now on."""
@@ -209,6 +222,19 @@ class EntryProcess:
                 f"It took more than {self._limits.seconds:g} s of processor time for an instance."
             )
         return EntryFailed(f"Its process ended with the exit code {code}.")
+
+
+def check_opens(source: str, limits: EntryLimits) -> None:
+    """Check that an entry can be opened in a process of its own, before all its instances fail.
+
+    Raises:
+        EntryFailed: If it cannot.
+    """
+    process = EntryProcess(source, limits)
+    try:
+        process.open()
+    finally:
+        process.close()
 
 
 def _write(pipe: BinaryIO | Any, letter: bytes, content: bytes) -> None:

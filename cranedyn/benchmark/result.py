@@ -311,7 +311,7 @@ def verify(
         progress=progress,
     )
     claimed = {(instance.task, instance.index): instance for instance in result.instances}
-    differences: list[str] = []
+    differences = _missing_instances(result, [known[name] for name in result.tasks])
     largest = 0.0
     for computed in again.instances:
         stated = claimed[computed.task, computed.index]
@@ -319,10 +319,22 @@ def verify(
         found, difference = _differences(stated, computed, period)
         differences += found
         largest = max(largest, difference)
-    missing = sum(map(len, chosen.values())) - len(again.instances)
-    if missing:
-        differences.append(f"{missing} instances of the result are none of its tasks.")
     return Verification(len(again.instances), differences, largest)
+
+
+def _missing_instances(result: Result, tasks: Sequence[CraneTask]) -> list[str]:
+    """Return a sentence for each task whose instances in a result are not all of its own, each
+    once. A result without the instances that failed would look better than it is.
+    """
+    found = []
+    for task in tasks:
+        indices = sorted(instance.index for instance in result.of_task(task.name))
+        if indices != list(range(task.count + 1)):
+            found.append(
+                f"{task.name} has the instances 0 to {task.count}; the result has "
+                f"{', '.join(map(str, indices)) or 'none'}."
+            )
+    return found
 
 
 def _sample(result: Result, count: int | None) -> dict[str, list[int]]:
@@ -349,8 +361,13 @@ def _differences(
     found = []
     largest = 0.0
     for metric in sorted({*stated.metrics, *computed.metrics}):
-        was = stated.metrics.get(metric, math.inf)
-        now = computed.metrics.get(metric, math.inf)
+        if metric not in stated.metrics or metric not in computed.metrics:
+            here = "there is a" if metric in computed.metrics else "there is no"
+            found.append(f"{name}: {here} {metric}, other than in the result.")
+            largest = math.inf
+            continue
+        was = stated.metrics[metric]
+        now = computed.metrics[metric]
         if was == now:
             continue
         difference = abs(now - was) / max(abs(now), abs(was))

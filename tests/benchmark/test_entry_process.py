@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from cranedyn.benchmark.entry import Declined
-from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess
+from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess, check_opens
 from cranedyn.benchmark.entry_source import NOT_YET, find_entry
 from cranedyn.benchmark.evaluate import run_instance
 from cranedyn.benchmark.sensors import SensorReading
@@ -119,6 +119,8 @@ def test_an_instance_of_an_entry_that_ends_its_process_fails(tmp_path: Path) -> 
         result = run_instance(toy_instance("move"), process)
     finally:
         process.close()
+    with pytest.raises(EntryFailed, match=r"no function in .* 'absent'"):
+        check_opens(f"{file}:absent", EntryLimits())
     assert (result.status, result.reason) == ("failed", "Its process ended with the exit code 9.")
     assert result.metrics == {}
 

@@ -127,6 +127,15 @@ def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
     assert different.differences[0].startswith("toy/move 1: settled_s is ")
     assert different.differences[1].startswith("toy/operator 1 failed; the result says")
 
+    # A number that is left out, and an instance that is: as of one that failed.
+    without = {name: x for name, x in result.instances[1].metrics.items() if name != "settled_s"}
+    fewer = [*result.instances[:1], replace(result.instances[1], metrics=without)]
+    fewer += result.instances[2:4]
+    assert verify(replace(result, instances=fewer), tasks).differences == [
+        "toy/operator has the instances 0 to 2; the result has 0.",
+        "toy/move 1: there is a settled_s, other than in the result.",
+    ]
+
 
 def test_a_result_of_another_entry_or_other_tasks_is_not_compared(
     result: Result, tasks: list[CraneTask], folder: Path
