@@ -58,7 +58,10 @@ def write_figure(file: Path, results: Sequence[Result], tasks: Sequence[CraneTas
     axes.set_yticks(range(len(shown)), [task.name for task in shown])
     axes.invert_yaxis()
     axes.grid(axis="y", alpha=0.3)
-    words = f"settling time, on paths and in wind rms error, over the median of {results[0].entry}"
+    words = (
+        "settling time, on paths and in wind rms error, over the median of "
+        f"{results[0].entry}, or of the first that passed"
+    )
     axes.set_xlabel(words, fontsize="small")
     figure.legend(loc="outside upper center", ncols=4, fontsize="small")
     with atomic_write(file) as draft:
