@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import json
 import math
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of
+from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of, open_entry
 from cranedyn.benchmark.evaluate import (
     InstanceResult,
     Variant,
@@ -232,3 +234,21 @@ def test_a_state_of_a_reading_is_the_measured_one() -> None:
     assert again.q == pytest.approx(state.q, abs=1e-12)
     # A passive joint that only follows the jib does not swing.
     assert again.v == pytest.approx(state.v, abs=1e-12)
+
+
+def test_a_file_of_matrices_is_an_entry_that_tracks_the_planned_motion(tmp_path: Path) -> None:
+    file = tmp_path / "gain.json"
+    gain = {"D": [[-2.0]], "inputs": ["l"], "outputs": ["l_dot_command"]}
+    file.write_text(json.dumps(gain), encoding="utf-8")
+    result, process = run(toy_instance("move"), open_entry(str(file)))
+    assert result.status == "passed", result.reason
+    # The plan lasts two periods of the load on the longer rope, 0.5 m, rounded up to 20 ms.
+    period = 2.0 * math.pi * math.sqrt(0.5 / 9.80665)
+    assert process.briefing is not None
+    planned = process.briefing.moderate_duration
+    assert planned == pytest.approx(2.0 * period, abs=0.02)
+    # Half-way a smooth motion is in the middle between start and goal, but for what it lags behind.
+    lengths = {round(reading.t, 2): reading.position[2] for reading in process.readings}
+    assert lengths[round(planned / 2.0, 2)] == pytest.approx(0.45, abs=0.01)
+    operator, _ = run(toy_instance("operator"), open_entry(str(file)))
+    assert operator.status == "declined"
