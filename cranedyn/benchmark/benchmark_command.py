@@ -261,6 +261,10 @@ def _validity(options: argparse.Namespace) -> int:
 
     tasks = select_tasks(options.tasks)
     entries = {text: find_entry(text) for text in options.entries}
+    by_name = {source.name: source for source in entries.values()}
+    if len(by_name) == len(entries):
+        # Names fit into the table better than paths, unless two are the same.
+        entries = by_name
     limits = _limits(options)
     with bar("orders", len(VARIANTS) * len(entries)) as progress:
         found = orders(tasks, entries, jobs=options.jobs, limits=limits, progress=progress)

@@ -40,8 +40,8 @@ class KindComparison:
         only_first: Number that only the first passed.
         only_second: Number that only the second passed.
         neither: Number that neither passed.
-        ratio: Geometric middle of the metric of the second over that of the first, the median over
-            the pairs that both passed; NaN if there is none.
+        ratio: Median of the metric of the second over that of the first, over the pairs that both
+            passed, the geometric mean of the middle two of an even number; NaN if there is none.
         interval: Ends of its bootstrap interval; None for fewer pairs than `_MIN_PAIRS`.
         p: p-value of Wilcoxon's signed-rank test that the ratios are centred at 1; None as before.
     """

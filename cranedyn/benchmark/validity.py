@@ -96,9 +96,7 @@ def order_table(found: Sequence[Order]) -> str:
     head = "mean place".ljust(24) + "".join(f"{order.variant:>20}" for order in found)
     lines = [head]
     for name in names:
-        lines.append(
-            name[-24:].ljust(24) + "".join(f"{order.places[name]:>20.2f}" for order in found)
-        )
+        lines.append(name.ljust(24) + "".join(f"{order.places[name]:>20.2f}" for order in found))
     taus = ["-" if math.isnan(order.tau) else f"{order.tau:.3f}" for order in found]
     lines.append("Kendall's τ".ljust(24) + "".join(f"{tau:>20}" for tau in taus))
     return "\n".join(lines)
