@@ -44,6 +44,9 @@ _READY, _COMMAND, _DECLINED, _ERROR = b"R", b"C", b"D", b"E"
 _LAST_WORDS = 5.0
 """Time for which a process that has closed its pipes may take to end [s]."""
 
+_DOUBLE = 8
+"""Size of a number in a frame [byte]."""
+
 _MAX_FRAME = 1_000_000
 """Longest frame that is read [byte]."""
 
@@ -113,7 +116,7 @@ class EntryProcess:
         file = str(task.file.resolve())
         letter, content = self._ask(_BEGIN, json.dumps([file, task.kind]).encode())
         if letter == _DECLINED:
-            raise Declined(content.decode())
+            raise Declined(content.decode(errors="replace"))
 
     def command(self, reading: SensorReading) -> tuple[np.ndarray, float]:
         """Return the command for a reading, and the processor time that it took by the clock of the
@@ -124,6 +127,9 @@ class EntryProcess:
         """
         numbers = np.concatenate([[reading.t], *reading[1:]])
         _, content = self._ask(_STEP, numbers.astype("<f8").tobytes())
+        if len(content) != _DOUBLE * (len(reading.position) + 1):
+            # The process checks commands, too, but runs code of the entry.
+            raise EntryFailed("Its process answered with what is no command.")
         answer = np.frombuffer(content, dtype="<f8")
         return answer[:-1], float(answer[-1])
 
@@ -201,7 +207,7 @@ class EntryProcess:
         if answer is None:
             raise self._ended()
         if answer[0] == _ERROR:
-            raise EntryFailed(answer[1].decode())
+            raise EntryFailed(answer[1].decode(errors="replace"))
         return answer
 
     def _ended(self) -> EntryFailed:
