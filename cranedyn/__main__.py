@@ -581,6 +581,16 @@ def _run_sign(options: argparse.Namespace) -> int:
     return 0
 
 
+def _benchmark(parser: _Parser) -> None:
+    """Run a controller in the tasks of the open benchmark, and compare and verify results.
+
+    Example: cranedyn benchmark run full_lqr --tasks inteco
+    """
+    from cranedyn.benchmark.benchmark_command import add_commands
+
+    add_commands(parser)
+
+
 def _add_crane(parser: _Parser) -> None:
     """Add the common options that name a crane, its gravity and its numbers."""
     from cranedyn.model.options import add_crane_options, add_gravity, add_values
@@ -601,6 +611,7 @@ COMMANDS: dict[str, Callable[[_Parser], None]] = {
     "template": _template,
     "export": _export,
     "drive": _drive,
+    "benchmark": _benchmark,
     "serve": _serve,
     "verify": _verify,
     "sign": _sign,

@@ -23,6 +23,7 @@ from cranedyn.controllers import follow, hold_controller
 from cranedyn.interfaces import Controller, Drive, Reference
 from cranedyn.lifts.planning.certificate import AFTER, Certificate, certify
 from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.joystick import joystick_path
 from cranedyn.lifts.planning.lift import Lift, NoWay, plan_lift
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.solids import Solid, box
@@ -40,7 +41,6 @@ from experiments.lift import (
     certify_in_least_time,
 )
 from experiments.scenarios.moves import LIMITS, instant
-from experiments.scenarios.shaping import joystick_path
 
 SITES = 100
 """Number of random sites."""

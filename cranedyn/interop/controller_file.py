@@ -129,7 +129,7 @@ class _FunctionFile(ControllerFile):
     def __init__(self, source: str, file: Path, function: str) -> None:
         self.name = function
         self.source = source
-        self._function = _load_function(file, function)
+        self._function = load_function(file, function, ("crane", "motion"))
 
     def make(self, crane: Crane, motion: Motion, dt: float = 5e-4) -> DrivenController:
         try:
@@ -151,11 +151,16 @@ class _FunctionFile(ControllerFile):
         return DrivenController(cast(Controller, controller), drive)
 
 
-def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
+def load_function(file: Path, name: str, arguments: Sequence[str]) -> Callable[..., Any]:
     """Run a file of Python and return a function of it.
 
     The folder of the file stays on the path for modules, after what is installed. Of two folders
     with helper modules of one name the first one counts.
+
+    Args:
+        file: The file.
+        name: Name of the function.
+        arguments: Names of the arguments with which it will be called.
 
     Raises:
         DataError: If the file cannot be read or run, or the function takes other arguments.
@@ -191,11 +196,11 @@ def _load_function(file: Path, name: str) -> Callable[[Crane, Motion], Any]:
                 defined.append(key)
         raise UnknownName(f"function in {file}", name, defined)
     try:
-        inspect.signature(function).bind("crane", "motion")
+        inspect.signature(function).bind(*arguments)
     except TypeError as error:
         raise DataError(
-            f"{name} in {file} cannot be called with (crane, motion), from which it has to make a "
-            f"controller: {error}."
+            f"{name} in {file} cannot be called with ({', '.join(arguments)}), from which it has "
+            f"to make a controller: {error}."
         ) from error
     return function
 

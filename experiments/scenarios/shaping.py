@@ -4,69 +4,14 @@ is left.
 
 from __future__ import annotations
 
-import itertools
-import math
-from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from collections.abc import Callable
 
-from cranedyn.interfaces import Reference, State
-from cranedyn.lifts.planning.joystick import JoystickPulse, joystick
-from cranedyn.model.crane import Crane
-from cranedyn.references.limits import Limits
+from cranedyn.lifts.planning.joystick import TimedReference, joystick_path
 from cranedyn.references.shaped import Shaper, shaped, shaped_hoisting, zv
 from cranedyn.references.simple import spline
 from cranedyn.theory import point_period
 from experiments.harness import Setup
 from experiments.scenarios.moves import LIMITS, MovePlan, Planner, RestToRest, followed, instant
-
-MIN_DISTANCE = 1e-6
-"""Distance up to which a drive does not move [rad or m]."""
-
-
-class TimedReference(NamedTuple):
-    """A motion of the drives that ends.
-
-    Attributes:
-        reference: Motion of the drives.
-        end: Time at which it ends [s].
-    """
-
-    reference: Reference
-    end: float
-
-
-def joystick_path(
-    crane: Crane, start: State, corners: Sequence[Sequence[float]], limits: Limits
-) -> TimedReference:
-    """Return the motion of an operator who knows the way from corner to corner.
-
-    At each corner every drive begins at full rate, and brakes in time to rest at the next one. All
-    drives wait there for the last.
-
-    Args:
-        crane: The crane.
-        start: State at the start.
-        corners: Positions of the drives at the corners [rad or m]; the first is the start.
-        limits: Limits of the drives.
-    """
-    pulses = []
-    end = 0.0
-    for corner, next_corner in itertools.pairwise(corners):
-        leg_duration = 0.0
-        for i, joint in enumerate(crane.layout.driven):
-            begin = corner[i]
-            finish = next_corner[i]
-            rate = limits.rates[i]
-            acceleration = limits.accelerations[i]
-            distance = abs(finish - begin)
-            if distance > MIN_DISTANCE:
-                # A short way ends before the full rate is reached, at v = √(d a).
-                speed = min(rate, math.sqrt(distance * acceleration))
-                signed_speed = math.copysign(speed, finish - begin)
-                pulses.append(JoystickPulse(joint.symbol, signed_speed, end, distance / speed))
-                leg_duration = max(leg_duration, distance / speed + speed / acceleration)
-        end += leg_duration
-    return TimedReference(joystick(crane, start, pulses, accelerations=limits.accelerations), end)
 
 
 def joystick_move(setup: Setup, move: RestToRest) -> TimedReference:

@@ -20,6 +20,7 @@ HEAVY = "--set payload_mass:=2000"
 """Words that name a crane whose load weighs 2 t."""
 
 COMMANDS = (
+    "benchmark list",
     "describe",
     "describe --list",
     "describe --machines",

@@ -134,10 +134,11 @@ def write_plan(
         pdf = folder / f"{revision.stem}.pdf"
         path = folder / f"{revision.stem}.json"
         write_text(page, judgement.html(command_line, revision.mark(record)))
-        # Those of an earlier judgement would be taken for documents of this one.
+        # Those of an earlier judgement would be taken for documents of this one. A record is a file
+        # that anybody may have written, so that only names that are written here are removed.
         if revision.replaced is not None:
             for name in revision.replaced.documents:
-                if name != page.name:
+                if name.startswith((f"{revision.stem}.", f"{revision.stem}_")):
                     (folder / name).unlink(missing_ok=True)
         documents = [page]
         why_no_pdf = ""

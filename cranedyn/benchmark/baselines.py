@@ -1,0 +1,363 @@
+"""Baselines of the benchmark: strategies of cranedyn as entries, through the same door as all
+others. ``cranedyn benchmark run NAME`` names one.
+
+They get what every entry gets: the planned crane and what sensors measure, no state and no
+perturbation. Each is a function of a `Briefing` that stands below with a docstring of one sentence.
+Those that plan a motion differ in the tasks with a goal only; on a path and in wind they all track
+the path, or the rest. Under an operator, whose commands nobody knows in advance, those that track a
+planned motion decline.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pinocchio as pin
+
+from cranedyn.benchmark.entry import Briefing, Declined, Entry
+from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.task import MOVES
+from cranedyn.controllers import follow, hold_controller, lqr
+from cranedyn.controllers.damping import with_damping
+from cranedyn.controllers.paper import paper_controller
+from cranedyn.controllers.velocity_command import ShapedVelocityCommand, gentle_recovery
+from cranedyn.dynamics.equations_of_motion import payload_position
+from cranedyn.errors import MissingRole
+from cranedyn.interfaces import Reference, Setpoint
+from cranedyn.lifts.planning.joystick import joystick_path
+from cranedyn.references import hold
+from cranedyn.references.flat import flat
+from cranedyn.references.limits import Limits, fastest
+from cranedyn.references.motion import Motion
+from cranedyn.references.shaped import Shaper, ei, zv, zvd
+
+PLANNED_SHARE = 0.8
+"""Share of the bound of the swing, and of the rates and accelerations of the drives, that planned
+motions use; the rest is for feedback. Our choice."""
+
+SOFTER = 1e3
+"""Factor on the weight of accelerations in predictive control, which knows nothing of the limited
+jerk of converters. Our choice."""
+
+EFFORT_FACTOR = 3.0
+"""Factor on the weight of efforts in LQRs. With 1 the LQRs diverge on a small crane once its drives
+saturate, whose lag and jerk are long beside its swing; with 10 and more a swing decays slowly. Our
+choice, on the crane inteco."""
+
+YIELD_RECOVERY = 0.3
+"""Share of the distance of yielding drives from their reference that is taken back per second
+[1/s]. Our choice."""
+
+
+class _Operator:
+    """Where the operator has sent the drives so far: a reference that is fed readings."""
+
+    def __init__(self, briefing: Briefing) -> None:
+        drives = briefing.crane.layout.drives
+        self._period = briefing.period
+        self._position = briefing.start.q[drives].copy()
+        self._rate = np.zeros(len(drives))
+
+    def hear(self, reading: SensorReading) -> None:
+        """Take what the operator asks for now."""
+        self._position = self._position + self._period * self._rate
+        self._rate = reading.operator
+
+    def __call__(self, t: float) -> Setpoint:
+        """Return the setpoint now, at whatever time it is asked for."""
+        return Setpoint(self._position, self._rate, np.zeros_like(self._rate))
+
+
+def _with_operator(briefing: Briefing, make: Callable[[Reference], tuple[Any, str]]) -> Entry:
+    """Return an entry whose reference is the operator.
+
+    Args:
+        briefing: What the entry is told.
+        make: From the reference to a controller and the kind of its commands.
+    """
+    operator = _Operator(briefing)
+    controller, drive = make(operator)
+    commanded = briefing.entry(controller, operator, drive)
+
+    def rates(reading: SensorReading) -> np.ndarray:
+        operator.hear(reading)
+        return commanded(reading)
+
+    return rates
+
+
+def _tracked(briefing: Briefing, motion: Motion) -> Entry:
+    """Return an LQR of the full model about a motion, with gains that suit the converters."""
+    state_weight, effort_weight = natural_weights(briefing)
+    gains = lqr(
+        briefing.crane,
+        motion,
+        dt=briefing.step,
+        state_weight=state_weight,
+        effort_weight=effort_weight,
+    )
+    return briefing.entry(gains, motion, "effort")
+
+
+def natural_weights(briefing: Briefing) -> tuple[np.ndarray, np.ndarray]:
+    """Return Q and R of an LQR for a crane of any size, shapes (2 n, 2 n) and (m, m).
+
+    By Bryson's rule each weight is one over the square of a size, and the sizes are those of a
+    swing that a drive causes at the largest acceleration a of its converter. With the frequency ω
+    of the load these are a/ω² of its position, a/ω of its rate, the effort that accelerates it by
+    a, and the angle by which the load lags, the horizontal acceleration of the load over
+    gravity.
+    """
+    crane = briefing.crane
+    drives = crane.layout.drives
+    n = crane.layout.n
+    q = briefing.start.q
+    frequency = 2.0 * math.pi / briefing.swing_period
+    accelerations = briefing.converters.accelerations
+
+    inertia = pin.crba(crane.model, crane.data, q)
+    efforts = np.diag(inertia)[drives] * accelerations
+
+    # Way of the load per unit of each drive, by a difference small beside every crane.
+    step = 1e-6
+    place = payload_position(crane, q)
+    largest = 0.0
+    for drive, acceleration in zip(drives, accelerations, strict=True):
+        moved = q.copy()
+        moved[drive] += step
+        way = (payload_position(crane, moved) - place) / step
+        largest = max(largest, float(np.hypot(way[0], way[1])) * float(acceleration))
+
+    sizes = np.full(n, largest / crane.gravity)
+    sizes[drives] = accelerations / frequency**2
+    state_sizes = np.concatenate([sizes, frequency * sizes])
+    return np.diag(state_sizes**-2.0), EFFORT_FACTOR * np.diag(efforts**-2.0)
+
+
+def _planned(briefing: Briefing, plan: Callable[[Briefing], Motion]) -> Entry:
+    """Return an LQR about a planned motion to the goal; about the path or the rest elsewhere.
+
+    Raises:
+        Declined: Under an operator, or if the plan is for tower cranes and this is none.
+    """
+    if briefing.kind not in MOVES:
+        return _tracked(briefing, briefing.motion)
+    try:
+        return _tracked(briefing, plan(briefing))
+    except MissingRole as error:
+        raise Declined(str(error)) from error
+
+
+def _plain_reference(briefing: Briefing) -> Reference:
+    """Return a smooth motion of the drives to the goal, the path, or the rest.
+
+    Raises:
+        Declined: Under an operator.
+    """
+    return briefing.motion if briefing.path is None else briefing.path
+
+
+def _planning_limits(briefing: Briefing) -> Limits:
+    """Return the limits that planned motions keep."""
+    limits = briefing.limits
+    return Limits(
+        (PLANNED_SHARE * np.array(limits.rates)).tolist(),
+        (PLANNED_SHARE * np.array(limits.accelerations)).tolist(),
+    )
+
+
+# --- the baselines --------------------------------------------------------------------------------
+
+
+def spline_alone(briefing: Briefing) -> Entry:
+    """A smooth motion of the drives without a look at the swing, followed with compensated lag."""
+    reference = _plain_reference(briefing)
+    return briefing.entry(follow(briefing.crane, reference, briefing.period), reference, "motion")
+
+
+def spline_pd(briefing: Briefing) -> Entry:
+    """The same motion, followed by PD controllers of the drives."""
+    reference = _plain_reference(briefing)
+    return briefing.entry(hold_controller(briefing.crane), reference, "effort")
+
+
+def paper_lqr_pid(briefing: Briefing) -> Entry:
+    """Two LQRs and a PID for the hoist, of the paper that the README names; tower cranes only."""
+    motion = briefing.motion
+    try:
+        controller = paper_controller(briefing.crane, motion)
+    except MissingRole as error:
+        raise Declined(str(error)) from error
+    return briefing.entry(controller, motion, "effort")
+
+
+def full_lqr(briefing: Briefing) -> Entry:
+    """An LQR of the full model about a smooth motion of the drives with the load plumb."""
+    return _planned(briefing, lambda told: told.motion)
+
+
+def flat_lqr(briefing: Briefing) -> Entry:
+    """The same LQR about a motion that carries the load along its own path; tower cranes only."""
+
+    def plan(told: Briefing) -> Motion:
+        assert told.goal is not None
+        duration = told.moderate_duration
+        return flat(told.crane, told.start, told.goal, duration, period=told.period)
+
+    return _planned(briefing, plan)
+
+
+def fastest_flat_lqr(briefing: Briefing) -> Entry:
+    """The same, as fast as four fifths of the drives' limits allow; tower cranes only."""
+
+    def plan(told: Briefing) -> Motion:
+        def lasting(duration: float) -> Motion:
+            assert told.goal is not None
+            return flat(told.crane, told.start, told.goal, duration, period=told.period)
+
+        duration = fastest(told.crane, lasting, _planning_limits(told))
+        return lasting(duration)
+
+    return _planned(briefing, plan)
+
+
+def least_time_lqr(briefing: Briefing) -> Entry:
+    """An LQR about the motion of least time at four fifths of all limits, by optimal control."""
+    return _planned(briefing, lambda told: _optimal(told, None))
+
+
+def least_swing_lqr(briefing: Briefing) -> Entry:
+    """An LQR about the motion of least swing in the duration of the smooth motion."""
+    return _planned(briefing, lambda told: _optimal(told, told.moderate_duration))
+
+
+def _optimal(briefing: Briefing, duration: float | None) -> Motion:
+    """Return the motion of least time, or of least swing in a duration [s]."""
+    from cranedyn.lifts.planning.optimal import optimal
+
+    assert briefing.goal is not None
+    converters = briefing.converters
+    return optimal(
+        briefing.crane,
+        briefing.start,
+        briefing.goal,
+        _planning_limits(briefing),
+        swing=PLANNED_SHARE * briefing.swing_bound / math.sqrt(2.0),
+        ramp=float((converters.accelerations / converters.jerks).max()),
+        period=briefing.period,
+        duration=duration,
+    )
+
+
+def operator_alone(briefing: Briefing) -> Entry:
+    """The joystick held so that the drives arrive soonest, or the operator's rates as they are."""
+    return _shaped(briefing, Shaper(np.array([0.0]), np.array([1.0])))
+
+
+def operator_zv(briefing: Briefing) -> Entry:
+    """The same, shaped by two impulses so that no swing is left (zero vibration)."""
+    return _shaped(briefing, zv())
+
+
+def operator_zvd(briefing: Briefing) -> Entry:
+    """The same, shaped by three impulses (zero vibration and derivative)."""
+    return _shaped(briefing, zvd())
+
+
+def operator_ei(briefing: Briefing) -> Entry:
+    """The same, shaped by three impulses, extra insensitive to the period."""
+    return _shaped(briefing, ei())
+
+
+def _shaped(briefing: Briefing, shaper: Shaper) -> Entry:
+    """Return the motion of an operator, or the path, shaped for the period of the load."""
+    crane = briefing.crane
+    command = ShapedVelocityCommand(
+        crane,
+        delays=briefing.swing_period * shaper.fractions,
+        amplitudes=shaper.amplitudes,
+        period=briefing.period,
+        recovery=gentle_recovery(briefing.converters),
+    )
+    if briefing.kind == "operator":
+        return _with_operator(briefing, lambda operator: (command, "velocity"))
+    return briefing.entry(command, _joystick_reference(briefing))
+
+
+def _joystick_reference(briefing: Briefing) -> Reference:
+    """Return the motion of an operator to the goal; the path or the rest elsewhere."""
+    if briefing.kind not in MOVES:
+        return _plain_reference(briefing)
+    assert briefing.goal is not None
+    drives = briefing.crane.layout.drives
+    corners = [briefing.start.q[drives].tolist(), briefing.goal.q[drives].tolist()]
+    limits = briefing.limits.for_crane(briefing.crane)
+    return joystick_path(briefing.crane, briefing.start, corners, limits).reference
+
+
+def yielding_drives(briefing: Briefing) -> Entry:
+    """Drives that yield to the swing while they follow an operator; tower cranes only."""
+    crane = briefing.crane
+    limits = briefing.limits
+
+    def make(reference: Reference) -> tuple[Any, str]:
+        damping = with_damping(
+            crane,
+            reference,
+            limits=limits,
+            recovery=YIELD_RECOVERY,
+            control_period=briefing.period,
+        )
+        return damping, "motion"
+
+    try:
+        if briefing.kind == "operator":
+            return _with_operator(briefing, make)
+        reference = _joystick_reference(briefing)
+        controller, drive = make(reference)
+        return briefing.entry(controller, reference, drive)
+    except MissingRole as error:
+        raise Declined(str(error)) from error
+
+
+def mpc_path(briefing: Briefing) -> Entry:
+    """Compiled predictive control that tracks the smooth motion."""
+    motion = briefing.motion
+    return briefing.entry(_receding(briefing, motion), motion)
+
+
+def mpc_goal(briefing: Briefing) -> Entry:
+    """Compiled predictive control that finds its own way to the goal, or follows the operator."""
+    if briefing.kind == "operator":
+        return _with_operator(briefing, lambda operator: (_receding(briefing, None), "velocity"))
+    if briefing.path is not None:
+        return briefing.entry(_receding(briefing, None), briefing.path)
+    return briefing.entry(_receding(briefing, None), hold(briefing.crane, briefing.goal))
+
+
+def _receding(briefing: Briefing, motion: Motion | None) -> Any:
+    """Return compiled predictive control for converters."""
+    from cranedyn.compiled.horizon.receding import receding, usual_input_weight
+
+    limits = briefing.limits
+    return receding(
+        briefing.crane,
+        limits,
+        motion=motion,
+        drive="velocity",
+        converters=briefing.converters,
+        swing_limit=PLANNED_SHARE * briefing.swing_bound / math.sqrt(2.0),
+        control_period=briefing.period,
+        input_weight=SOFTER * usual_input_weight(np.array(limits.accelerations)),
+    )
+
+
+NAMES = (
+    *("spline_alone", "spline_pd", "paper_lqr_pid", "full_lqr", "flat_lqr", "fastest_flat_lqr"),
+    *("least_time_lqr", "least_swing_lqr", "operator_alone", "operator_zv", "operator_zvd"),
+    *("operator_ei", "yielding_drives", "mpc_path", "mpc_goal"),
+)
+"""Names of the baselines."""

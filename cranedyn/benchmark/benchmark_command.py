@@ -1,0 +1,313 @@
+"""The command ``cranedyn benchmark``: list the tasks, run an entry, compare and verify results."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable
+from pathlib import Path
+
+from cranedyn.benchmark.entry_process import EntryLimits, check_opens
+from cranedyn.benchmark.entry_source import FORMS, find_entry
+from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
+from cranedyn.benchmark.score import score_table, scores, totals
+from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
+from cranedyn.checks import number, whole
+from cranedyn.command import FAILED, Parser, command_line, next_lines
+from cranedyn.data.files import check_writable
+from cranedyn.progress import bar
+
+
+def add_commands(parser: Parser) -> None:
+    """Add the commands of the benchmark to a parser."""
+    commands = parser.add_subparsers(required=True, dest="action", metavar="ACTION")
+    for name, (configure, example) in _COMMANDS.items():
+        text = (configure.__doc__ or "").partition("\n")[0]
+        action = commands.add_parser(name, help=text, description=text)
+        action.example = example
+        configure(action)
+
+
+def _add_tasks(parser: Parser) -> None:
+    """Add the option that selects tasks."""
+    parser.add_argument(
+        "--tasks",
+        nargs="+",
+        default=[],
+        metavar="TASK",
+        help="tasks such as tower/move, cranes such as tower, kinds such as wind; by default all",
+    )
+
+
+def _add_running(parser: Parser) -> None:
+    """Add the options of how entries run."""
+    usual = EntryLimits()
+    text = "processes that share the tasks; by default one for each processor"
+    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+    text = "processor time that an entry may take for an instance [s]"
+    parser.add_argument("--seconds", type=float, default=usual.seconds, metavar="S", help=text)
+    text = "memory that it may take [MB]"
+    parser.add_argument("--megabytes", type=float, default=usual.megabytes, metavar="M", help=text)
+
+
+def _limits(options: argparse.Namespace) -> EntryLimits:
+    """Return what an entry may use.
+
+    Raises:
+        OutOfRange: If a number is not positive.
+    """
+    return EntryLimits(
+        number("--seconds", options.seconds, "s", "> 0"),
+        number("--megabytes", options.megabytes, "MB", "> 0"),
+    )
+
+
+# --- list -----------------------------------------------------------------------------------------
+
+
+def _configure_list(parser: Parser) -> None:
+    """List the tasks and the baselines."""
+    _add_tasks(parser)
+    parser.set_defaults(run=_list)
+
+
+def _list(options: argparse.Namespace) -> int:
+    """Print the tasks and the baselines."""
+    from cranedyn.benchmark import baselines
+
+    tasks = select_tasks(options.tasks)
+    print(f"benchmark {VERSION}, {len(tasks)} tasks")
+    print("task              instances  lasts [s]  within [m]  swing [rad]  least time [s]")
+    for task in tasks:
+        least = "-" if task.least_time is None else f"{task.least_time:.2f}"
+        print(
+            f"{task.name:<18}{task.count + 1:>9}{task.duration:>11g}{task.tolerance:>12g}"
+            f"{task.swing_bound:>13g}{least:>16}"
+        )
+    print("\nbaselines")
+    for name in baselines.NAMES:
+        sentence = getattr(baselines, name).__doc__.partition("\n\n")[0]
+        print(f"{name:<18}{' '.join(sentence.split())}")
+    print(
+        next_lines(
+            "cranedyn benchmark run full_lqr --tasks inteco/move",
+            "cranedyn benchmark run --help",
+        )
+    )
+    return 0
+
+
+# --- run ------------------------------------------------------------------------------------------
+
+
+def _configure_run(parser: Parser) -> None:
+    """Run an entry in all instances of the tasks, print its scores and write its result."""
+    parser.add_argument("entry", metavar="ENTRY", help=f"{FORMS}; a file of Python is run")
+    _add_tasks(parser)
+    text = f"{PUBLIC}, or a date such as 2026-11-28 for a ranking (default: %(default)s)"
+    parser.add_argument("--seeds", default=PUBLIC, metavar="SEEDS", help=text)
+    text = "where to write the result; by default out/benchmark/NAME.json"
+    parser.add_argument("-o", "--output", type=Path, default=None, metavar="FILE.json", help=text)
+    _add_running(parser)
+    parser.set_defaults(run=_run)
+
+
+def _run(options: argparse.Namespace) -> int:
+    """Run an entry; the exit code is 1 if it took part in no task."""
+    tasks = select_tasks(options.tasks)
+    source = find_entry(options.entry)
+    check_seeds(options.seeds)
+    limits = _limits(options)
+    file = options.output or Path("out/benchmark", f"{source.name}.json")
+    # Before anything is computed, which may take minutes.
+    check_writable(file)
+    check_opens(source.source, limits)
+    with bar("benchmark", len(tasks)) as progress:
+        result = run_benchmark(
+            tasks,
+            source,
+            options.entry,
+            seeds=options.seeds,
+            limits=limits,
+            jobs=options.jobs,
+            progress=progress,
+        )
+    result.write(file)
+    _print_result(result)
+    print(f"Written to {file}.")
+    verify_line = command_line("cranedyn", "benchmark", "verify", file, "--sample", 5)
+    other = "mpc_goal" if source.name != "mpc_goal" else "full_lqr"
+    words = ["cranedyn", "benchmark", "run", other]
+    if options.tasks:
+        words += ["--tasks", *options.tasks]
+    if options.seeds != PUBLIC:
+        words += ["--seeds", options.seeds]
+    print(next_lines(verify_line, command_line(*words)))
+    took_part = any(instance.status != "declined" for instance in result.instances)
+    return 0 if took_part else FAILED
+
+
+def _print_result(result: Result) -> None:
+    """Print the scores of a result, and each reason for which instances failed once."""
+    found = scores(result, all_tasks())
+    print(score_table(found))
+    print(f"{result.entry}: {totals(found)} Seeds: {result.seeds}.")
+    reasons: dict[str, list[str]] = {}
+    for instance in result.instances:
+        if instance.status == "failed" and not instance.metrics:
+            # A run that broke off has no numbers that would show why.
+            name = f"{instance.task} {instance.index}"
+            reasons.setdefault(instance.reason, []).append(name)
+    for reason, names in reasons.items():
+        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
+        print(f"{names[0]}{more} broke off: {reason}")
+
+
+# --- compare --------------------------------------------------------------------------------------
+
+
+def _configure_compare(parser: Parser) -> None:
+    """Compare results pair by pair with the first of them."""
+    parser.add_argument("results", nargs="+", type=Path, metavar="RESULT.json", help="results")
+    text = "draw every instance into a picture or a PDF"
+    parser.add_argument("--figure", type=Path, metavar="FILE", help=text)
+    parser.set_defaults(run=_compare)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    """Print comparisons of results with the first one."""
+    from cranedyn.benchmark.comparison import check_comparable, compare, comparison_table
+    from cranedyn.errors import OutOfRange
+
+    if len(options.results) < 2:
+        raise OutOfRange("number of results", len(options.results), "2 or more")
+    first, *others = [read_benchmark_result(file) for file in options.results]
+    tasks = all_tasks()
+    for other in others:
+        check_comparable(first, other)
+    for result in (first, *others):
+        print(f"{result.entry}: {totals(scores(result, tasks))}")
+    for other in others:
+        print(f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better")
+        print(comparison_table(compare(first, other, tasks)))
+    if options.figure:
+        from cranedyn.benchmark.figures import write_figure
+
+        write_figure(options.figure, [first, *others], tasks)
+        print(f"Written to {options.figure}.")
+    again = [command_line("cranedyn", "benchmark", "verify", file) for file in options.results[:2]]
+    print(next_lines(*again))
+    return 0
+
+
+# --- verify ---------------------------------------------------------------------------------------
+
+
+def _configure_verify(parser: Parser) -> None:
+    """Compute a result again and say whether it is the same; exit code 1 if it is not."""
+    parser.add_argument("result", type=Path, metavar="RESULT.json", help="the result")
+    text = "the entry, where its file lies elsewhere than the result says; a file of Python is run"
+    parser.add_argument("--entry", metavar="ENTRY", help=text)
+    text = "compute so many instances again; all by default"
+    parser.add_argument("--sample", type=int, metavar="N", help=text)
+    text = "processes that share the tasks; by default one for each processor"
+    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+    parser.set_defaults(run=_verify)
+
+
+def _verify(options: argparse.Namespace) -> int:
+    """Verify a result."""
+    result = read_benchmark_result(options.result)
+    sample = None if options.sample is None else whole("--sample", options.sample, 1)
+    with bar("verification", len(result.tasks)) as progress:
+        found = verify(
+            result,
+            all_tasks(),
+            text=options.entry,
+            sample=sample,
+            jobs=options.jobs,
+            progress=progress,
+        )
+    for difference in found.differences:
+        print(difference)
+    share = f"{found.compared} of {len(result.instances)} instances computed again"
+    if found.differences:
+        print(f"different: {len(found.differences)} differences in {share}.")
+    else:
+        print(f"same: {share}, largest relative difference of a number {found.largest:.2g}.")
+    entry = options.entry or result.source
+    print(
+        next_lines(
+            command_line("cranedyn", "benchmark", "verify", options.result, "--sample", 3),
+            command_line("cranedyn", "benchmark", "run", entry, "--tasks", *list(result.tasks)[:1]),
+        )
+    )
+    return FAILED if found.differences else 0
+
+
+# --- validity and limits --------------------------------------------------------------------------
+
+
+def _configure_validity(parser: Parser) -> None:
+    """Show whether the order of entries depends on seeds, engine or step."""
+    parser.add_argument("entries", nargs="+", metavar="ENTRY", help=f"two or more of: {FORMS}")
+    _add_tasks(parser)
+    _add_running(parser)
+    parser.set_defaults(run=_validity)
+
+
+def _validity(options: argparse.Namespace) -> int:
+    """Print the order of entries under each variant."""
+    from cranedyn.benchmark.validity import VARIANTS, order_table, orders
+
+    tasks = select_tasks(options.tasks)
+    entries = {text: find_entry(text) for text in options.entries}
+    by_name = {source.name: source for source in entries.values()}
+    if len(by_name) == len(entries):
+        # Names fit into the table better than paths, unless two are the same.
+        entries = by_name
+    limits = _limits(options)
+    with bar("orders", len(VARIANTS) * len(entries)) as progress:
+        found = orders(tasks, entries, jobs=options.jobs, limits=limits, progress=progress)
+    print(order_table(found))
+    print(
+        next_lines(
+            command_line("cranedyn", "benchmark", "run", options.entries[0]),
+            "cranedyn benchmark list",
+        )
+    )
+    return 0
+
+
+def _configure_limits(parser: Parser) -> None:
+    """Compute the least times of moves beside those that the files of the tasks state."""
+    _add_tasks(parser)
+    parser.set_defaults(run=_least_times)
+
+
+def _least_times(options: argparse.Namespace) -> int:
+    """Print least times; the exit code is 1 if one differs from its file."""
+    from cranedyn.benchmark.limits import AGREEMENT, least_time
+
+    tasks = [task for task in select_tasks(options.tasks) if task.goal is not None]
+    agree = True
+    print("task              computed [s]  in the file [s]")
+    for task in tasks:
+        computed = least_time(task)
+        stated = "-" if task.least_time is None else f"{task.least_time:.2f}"
+        print(f"{task.name:<18}{computed:>12.2f}{stated:>17}", flush=True)
+        agree = agree and task.least_time is not None
+        if task.least_time is not None:
+            agree = agree and abs(computed - task.least_time) <= AGREEMENT
+    print(next_lines("cranedyn benchmark list", "cranedyn benchmark limits --help"))
+    return 0 if agree else FAILED
+
+
+_COMMANDS: dict[str, tuple[Callable[[Parser], None], str]] = {
+    "list": (_configure_list, "cranedyn benchmark list"),
+    "run": (_configure_run, "cranedyn benchmark run mine.py:controller --tasks tower"),
+    "compare": (_configure_compare, "cranedyn benchmark compare a.json b.json"),
+    "verify": (_configure_verify, "cranedyn benchmark verify mine.json --sample 10"),
+    "validity": (_configure_validity, "cranedyn benchmark validity full_lqr mpc_goal"),
+    "limits": (_configure_limits, "cranedyn benchmark limits --tasks inteco/move"),
+}
+"""Functions that configure the commands, whose first line is the help, and an example of each."""

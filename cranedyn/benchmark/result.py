@@ -1,0 +1,380 @@
+"""Results of an entry as one file: run all instances, write, read and verify them.
+
+A result has what is needed to compute it again: the digests of the tasks and of the entry's file,
+the name of the seeds, and versions. Whoever has the file of the entry can verify it.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import multiprocessing
+import platform
+import random
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from dataclasses import asdict, dataclass
+from importlib.metadata import version as installed_version
+from pathlib import Path
+from typing import Any
+
+from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_source import EntrySource, find_entry
+from cranedyn.benchmark.evaluate import USUAL, InstanceResult, Variant, evaluate_task
+from cranedyn.benchmark.task import VERSION, CraneTask, check_seeds
+from cranedyn.checks import number, worker_count
+from cranedyn.data.files import parse_json, read_text, write_text
+from cranedyn.errors import CraneError, DataError, quoted
+from cranedyn.sweep.workers import end_with_parent, ignore_sigint
+from cranedyn.version import __version__
+
+FORMAT = "cranedyn benchmark result 1"
+"""First entry of a file of results."""
+
+RELATIVE_TOLERANCE = 1e-3
+"""Largest relative difference of a verified metric. On the same processor with the same packages
+there is none. Elsewhere the last bit of a gain may differ; then a reading or a command may be
+rounded to the next step of its resolution, which is about a thousandth of a motion."""
+
+SETTLING_TOLERANCE_PERIODS = 2
+"""Largest difference of a verified settling time, in control periods: it is counted in whole ones,
+and such a rounding may move the crossing of the tolerance by one to either side."""
+
+_PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
+"""Packages whose versions a result names."""
+
+
+@dataclass(frozen=True)
+class Result:
+    """Results of an entry.
+
+    Attributes:
+        entry: Name of the entry in tables.
+        source: How it was named on the command line.
+        entry_digest: SHA-256 of its file.
+        benchmark: Version of the tasks.
+        seeds: Name of the seeds.
+        tasks: Digest of each task that was run, by name.
+        variant: How the runs were computed.
+        limits: What the entry might use.
+        versions: Versions of cranedyn, Python and packages, and the processor.
+        instances: Results of the instances.
+    """
+
+    entry: str
+    source: str
+    entry_digest: str
+    benchmark: str
+    seeds: str
+    tasks: Mapping[str, str]
+    variant: Variant
+    limits: EntryLimits
+    versions: Mapping[str, str]
+    instances: Sequence[InstanceResult]
+
+    def of_task(self, name: str) -> list[InstanceResult]:
+        """Return the results of the instances of a task."""
+        return [result for result in self.instances if result.task == name]
+
+    def write(self, file: Path) -> None:
+        """Write the result as JSON, whole or not at all."""
+        content = {"format": FORMAT, **asdict(self)}
+        text = json.dumps(content, indent=1, allow_nan=False) + "\n"
+        write_text(file, text)
+
+
+def run_benchmark(
+    tasks: Sequence[CraneTask],
+    source: EntrySource,
+    text: str,
+    *,
+    seeds: str,
+    limits: EntryLimits | None = None,
+    variant: Variant = USUAL,
+    jobs: int | None = 1,
+    indices: Mapping[str, Sequence[int]] | None = None,
+    progress: Callable[[int], object] | None = None,
+) -> Result:
+    """Run an entry in all instances of tasks.
+
+    Args:
+        tasks: The tasks.
+        source: The entry.
+        text: How the entry was named.
+        seeds: Name of the seeds.
+        limits: What the entry may use in an instance; None for the usual limits.
+        variant: How the runs are computed.
+        jobs: Processes that share the tasks; None for one for each processor.
+        indices: Indices of the instances to run by the name of the task; None for all.
+        progress: Function that is told how many tasks are done.
+
+    Raises:
+        OutOfRange: If the seeds are no name of seeds, or the number of jobs is out of range.
+    """
+    check_seeds(seeds)
+    limits = EntryLimits() if limits is None else limits
+    count = min(worker_count("jobs", jobs), max(len(tasks), 1))
+    by_task: dict[str, list[InstanceResult]] = {}
+    digest = source.digest
+
+    def keep(task: CraneTask, results: list[InstanceResult]) -> None:
+        by_task[task.name] = results
+        if progress is not None:
+            progress(len(by_task))
+
+    def arguments(task: CraneTask) -> dict[str, Any]:
+        chosen = None if indices is None else indices[task.name]
+        return {"seeds": seeds, "indices": chosen, "limits": limits, "variant": variant}
+
+    if count == 1:
+        for task in tasks:
+            keep(task, evaluate_task(task, source.source, **arguments(task)))
+    else:
+        context = multiprocessing.get_context("spawn")
+        with ProcessPoolExecutor(count, context, initializer=end_with_parent) as pool:
+            futures: dict[Future[list[InstanceResult]], CraneTask] = {}
+            # Submitting starts processes, which must not end at an interruption by themselves.
+            with ignore_sigint():
+                for task in tasks:
+                    future = pool.submit(evaluate_task, task, source.source, **arguments(task))
+                    futures[future] = task
+            for future in as_completed(futures):
+                keep(futures[future], future.result())
+    instances = []
+    for task in tasks:
+        instances += by_task[task.name]
+    return Result(
+        entry=source.name,
+        source=text,
+        entry_digest=digest,
+        benchmark=VERSION,
+        seeds=seeds,
+        tasks={task.name: task.digest for task in tasks},
+        variant=variant,
+        limits=limits,
+        versions=_versions(),
+        instances=instances,
+    )
+
+
+def _versions() -> dict[str, str]:
+    """Return the versions that a result names."""
+    versions = {"cranedyn": __version__, "python": platform.python_version()}
+    for package in _PACKAGES:
+        versions[package] = installed_version(package)
+    versions["processor"] = f"{platform.system()} {platform.machine()}"
+    return versions
+
+
+# --- reading --------------------------------------------------------------------------------------
+
+
+def read_benchmark_result(file: str | Path) -> Result:
+    """Read a result from its file.
+
+    Raises:
+        DataError: If it cannot be read, or is no file of results.
+    """
+    try:
+        content = parse_json(read_text(file))
+    except (ValueError, RecursionError) as error:
+        raise DataError(f"Cannot read {file}: it is no JSON ({error}).") from error
+    if not isinstance(content, dict) or content.get("format") != FORMAT:
+        raise DataError(
+            f"{file} is no result of this benchmark, whose files begin with the format {FORMAT!r}; "
+            "cranedyn benchmark run writes one."
+        )
+    try:
+        return _parsed(content)
+    except (KeyError, TypeError, ValueError, AttributeError, CraneError) as error:
+        reason = f"it has no {error}" if isinstance(error, KeyError) else str(error)
+        raise DataError(f"{file} is no result of this benchmark: {reason}.") from error
+
+
+def _parsed(content: dict[str, Any]) -> Result:
+    """Return a result from what its file holds, or raise one of Python's errors, or a CraneError,
+    where something is missing or of another type.
+    """
+    instances = []
+    for entry in content["instances"]:
+        status = entry["status"]
+        if status not in ("passed", "failed", "declined"):
+            raise DataError(f"an instance has the status {quoted(status)}")
+        instances.append(
+            InstanceResult(
+                task=_text(entry["task"]),
+                index=int(number("index", entry["index"], allowed=">= 0")),
+                status=status,
+                reason=_text(entry["reason"]),
+                metrics=_metrics(entry["metrics"]),
+                command_us=tuple(number("command_us", us) for us in entry["command_us"]),
+            )
+        )
+    variant = content["variant"]
+    limits = content["limits"]
+    return Result(
+        entry=_text(content["entry"]),
+        source=_text(content["source"]),
+        entry_digest=_text(content["entry_digest"]),
+        benchmark=_text(content["benchmark"]),
+        seeds=_text(content["seeds"]),
+        tasks={_text(name): _text(digest) for name, digest in content["tasks"].items()},
+        variant=Variant(_text(variant["engine"]), int(variant["substeps"])),
+        limits=EntryLimits(float(limits["seconds"]), float(limits["megabytes"])),
+        versions={_text(name): _text(value) for name, value in content["versions"].items()},
+        instances=instances,
+    )
+
+
+def _metrics(values: Mapping[str, Any]) -> dict[str, float]:
+    """Return the metrics of an instance."""
+    return {_text(name): number(name, value) for name, value in values.items()}
+
+
+def _text(value: Any) -> str:
+    """Return a text.
+
+    Raises:
+        TypeError: If it is none.
+    """
+    if not isinstance(value, str):
+        raise TypeError(f"{quoted(value)} is no text")
+    return value
+
+
+# --- verification ---------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Verification:
+    """A result beside what was computed again.
+
+    Attributes:
+        compared: Number of instances that were computed again.
+        differences: What differs, a sentence each; empty if nothing does.
+        largest: Largest relative difference of a metric.
+    """
+
+    compared: int
+    differences: Sequence[str]
+    largest: float
+
+
+def verify(
+    result: Result,
+    tasks: Sequence[CraneTask],
+    *,
+    text: str | None = None,
+    sample: int | None = None,
+    jobs: int | None = 1,
+    progress: Callable[[int], object] | None = None,
+) -> Verification:
+    """Compute instances of a result again and compare them.
+
+    Args:
+        result: The result.
+        tasks: All tasks of this version.
+        text: How the entry is named here; None for how the result names it.
+        sample: Number of instances to compute again, drawn by the digest of the result; None for
+            all.
+        jobs: Processes that share the tasks.
+        progress: Function that is told how many tasks are done.
+
+    Raises:
+        CraneError: If the tasks or the entry are not those of the result, so that nothing can be
+            compared.
+    """
+    text = result.source if text is None else text
+    source = find_entry(text)
+    if source.digest != result.entry_digest:
+        raise CraneError(
+            f"{source.file} is not the file of the result: its SHA-256 begins with "
+            f"{source.digest[:12]}, that of the result with {result.entry_digest[:12]}."
+        )
+    known = {task.name: task for task in tasks}
+    for name, digest in result.tasks.items():
+        if name not in known or known[name].digest != digest:
+            raise CraneError(
+                f"The task {quoted(name)} of the result is not one of this version of cranedyn, "
+                f"{__version__}; the result is of {result.versions.get('cranedyn', 'no version')}."
+            )
+    chosen = _sample(result, sample)
+    again = run_benchmark(
+        [known[name] for name in result.tasks if name in chosen],
+        source,
+        text,
+        seeds=result.seeds,
+        limits=result.limits,
+        variant=result.variant,
+        jobs=jobs,
+        indices=chosen,
+        progress=progress,
+    )
+    claimed = {(instance.task, instance.index): instance for instance in result.instances}
+    differences = _missing_instances(result, [known[name] for name in result.tasks])
+    largest = 0.0
+    for computed in again.instances:
+        stated = claimed[computed.task, computed.index]
+        period = known[computed.task].period
+        found, difference = _differences(stated, computed, period)
+        differences += found
+        largest = max(largest, difference)
+    return Verification(len(again.instances), differences, largest)
+
+
+def _missing_instances(result: Result, tasks: Sequence[CraneTask]) -> list[str]:
+    """Return a sentence for each task whose instances in a result are not all of its own, each
+    once. A result without the instances that failed would look better than it is.
+    """
+    found = []
+    for task in tasks:
+        indices = sorted(instance.index for instance in result.of_task(task.name))
+        if indices != list(range(task.count + 1)):
+            found.append(
+                f"{task.name} has the instances 0 to {task.count}; the result has "
+                f"{', '.join(map(str, indices)) or 'none'}."
+            )
+    return found
+
+
+def _sample(result: Result, count: int | None) -> dict[str, list[int]]:
+    """Return the indices of instances to compute again by the name of their task."""
+    pairs = [(instance.task, instance.index) for instance in result.instances]
+    if count is not None and count < len(pairs):
+        pairs = random.Random(result.entry_digest).sample(pairs, count)
+    indices: dict[str, list[int]] = {}
+    for name, index in pairs:
+        if name in result.tasks:
+            indices.setdefault(name, []).append(index)
+    return indices
+
+
+def _differences(
+    stated: InstanceResult, computed: InstanceResult, period: float
+) -> tuple[list[str], float]:
+    """Return in which numbers an instance differs, a sentence each, and the largest relative
+    difference of its metrics.
+    """
+    name = f"{computed.task} {computed.index}"
+    if stated.status != computed.status:
+        return [f"{name} {computed.status}; the result says that it {stated.status}."], math.inf
+    found = []
+    largest = 0.0
+    for metric in sorted({*stated.metrics, *computed.metrics}):
+        if metric not in stated.metrics or metric not in computed.metrics:
+            here = "there is a" if metric in computed.metrics else "there is no"
+            found.append(f"{name}: {here} {metric}, other than in the result.")
+            largest = math.inf
+            continue
+        was = stated.metrics[metric]
+        now = computed.metrics[metric]
+        if was == now:
+            continue
+        difference = abs(now - was) / max(abs(now), abs(was))
+        largest = max(largest, difference)
+        allowed = RELATIVE_TOLERANCE * max(abs(now), abs(was))
+        if metric == "settled_s":
+            allowed = max(allowed, SETTLING_TOLERANCE_PERIODS * period)
+        if not abs(now - was) <= allowed:
+            found.append(f"{name}: {metric} is {now:.6g}; the result says {was:.6g}.")
+    return found, largest
