@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import subprocess
 import sys
 from pathlib import Path
 
@@ -99,6 +100,31 @@ def test_a_run_is_a_mapping_of_columns_a_sequence_of_rows_and_an_arrow_table(
     assert rows[7].phi_rad == run["phi_rad"][7]
     assert "phi_rad" in run and "phi" not in run
     assert pa.table(run).equals(run.table())
+
+
+@pytest.mark.slow
+def test_a_run_is_written_to_the_bit_without_an_import_of_pandas(
+    run: Trajectory, tmp_path: Path
+) -> None:
+    """That import takes longer than the rest of a first run. It is pyarrow's, for NumPy's arrays
+    where pandas is installed.
+    """
+    program = f"""
+import sys
+import numpy as np
+from cranedyn.data.tables import number_array, write_table
+import pyarrow as pa
+rows = np.arange(12.0).reshape(6, 2)
+columns = [number_array(column) for column in (rows[:, 1], rows[:, 1].astype(np.float32))]
+write_table({str(tmp_path / "run.csv")!r}, pa.table(columns, names=["a", "b"]))
+assert [column.to_pylist() for column in columns] == 2 * [[1.0, 3.0, 5.0, 7.0, 9.0, 11.0]]
+print("pandas" in sys.modules)
+"""
+    command = [sys.executable, "-c", program]
+    assert subprocess.run(command, capture_output=True, text=True, check=True).stdout == "False\n"
+    table = run.table()
+    for name in run.keys():
+        assert table[name].to_numpy().tobytes() == np.asarray(run[name]).tobytes()
 
 
 def test_without_pandas_a_sentence_says_what_to_install(

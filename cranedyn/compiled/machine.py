@@ -105,11 +105,26 @@ def _cross(
     binding.initialize_all_targets()
     binding.initialize_all_asmprinters()
     target = binding.Target.from_triple(triple).create_target_machine(processor, features, opt=3)
-    module.triple = triple
-    module.data_layout = str(target.target_data)
-    code = binding.parse_assembly(str(module), binding.create_context())
+    code = binding.parse_assembly(
+        _text_for(module, triple, str(target.target_data)), binding.create_context()
+    )
     _optimise(code, target)
     return target, code
+
+
+def _text_for(module: ir.Module, triple: str, data_layout: str) -> str:
+    """Return the text of a module for another platform. The module itself remains as it was, so
+    that it can still be translated for this processor.
+    """
+    own_triple = module.triple
+    own_data_layout = module.data_layout
+    module.triple = triple
+    module.data_layout = data_layout
+    try:
+        return str(module)
+    finally:
+        module.triple = own_triple
+        module.data_layout = own_data_layout
 
 
 def _optimise(code: Any, target: Any, speed_level: int = 2, *, inlining: bool = True) -> None:

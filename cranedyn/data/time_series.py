@@ -112,14 +112,16 @@ class TimeSeries:
 
     def table(self) -> pyarrow.Table:
         """Return all columns as an Arrow table with parameters and record in its metadata."""
-        from cranedyn.data.tables import arrow
+        import pyarrow
 
-        columns = {name: np.ascontiguousarray(self[name]) for name in self.keys()}
+        from cranedyn.data.tables import number_array
+
+        columns = {name: number_array(self[name]) for name in self.keys()}
         metadata = {
             "cranedyn": json.dumps(dict(self.parameters)),
             "cranedyn.record": json.dumps(dict(self.record)),
         }
-        return arrow().table(columns, metadata=metadata)
+        return pyarrow.table(columns, metadata=metadata)
 
     def __arrow_c_stream__(self, requested_schema: object = None) -> object:
         """Export all columns to libraries that read Arrow."""

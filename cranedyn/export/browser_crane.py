@@ -406,19 +406,14 @@ def _horizon_data(controller: Receding) -> dict[str, Any]:
     """Return code and memory of a predictive controller, and where in its memory the limits of the
     accelerations stand, which the slider of the ramps changes.
     """
-    from llvmlite import ir
-
-    from cranedyn.compiled.horizon.control_instant import emit_instant, emit_plan
+    from cranedyn.compiled.horizon.receding import emit_programme
     from cranedyn.compiled.webassembly import webassembly
 
     programme = controller.programme
-    module = ir.Module()
-    emit_plan(module, programme)
-    emit_instant(module, programme)
     shape = programme.shape(1)
     first = programme.offsets(1).work
     return {
-        "module": _packed(webassembly(module)),
+        "module": _packed(webassembly(emit_programme(programme).module)),
         "memory": _packed(controller.memory(1).tobytes()),
         "ratio": programme.ratio,
         "accelerations": [first + shape.offset(name) + shape.states for name in ("low", "high")],

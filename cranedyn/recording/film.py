@@ -318,7 +318,12 @@ class _Stage:
         run, projection = self._runs[0]
         q = run.trajectory.q[_row_at(run, t)]
         middle = projection.rope(_at_rest(run, q))[-1]
-        outlines = projection.outlines(q)
+        # Most of a crane is far from its load, and what lies outside would be drawn in vain.
+        reach = self._close_up.get_xlim()[1]
+        outlines = []
+        for outline in projection.outlines(q):
+            if outline.extent.reaches(middle, reach):
+                outlines.append(outline)
         self._near_crane.set_verts([outline.corners - middle for outline in outlines])
         self._near_crane.set(facecolor=[outline.colour for outline in outlines])
         self._near_rope.set_data(*(projection.rope(q) - middle).T)

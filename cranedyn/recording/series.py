@@ -16,7 +16,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 from rerun.blueprint.encodings import VisualizerComponentMapping
 
-from cranedyn.data.tables import arrow
+from cranedyn.data.tables import number_array
 from cranedyn.errors import printable
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.plotting.style import GREEK, colour_of, distinct_colours, mixed, rgb, run_colour
@@ -286,7 +286,7 @@ def log_series(recording: rr.RecordingStream, run: Run, columns: Table) -> None:
     # Both the row before a jump and the one after it, so that the jump is drawn upright.
     rows_of_jumps = np.flatnonzero(jumps.any(axis=1))
     instants = np.unique(np.concatenate([rows_every(t, _PERIOD), rows_of_jumps, rows_of_jumps + 1]))
-    arrays = [arrow().array(values[instants].astype(np.float32)) for values in columns.values()]
+    arrays = [number_array(values[instants].astype(np.float32)) for values in columns.values()]
     rows = pa.StructArray.from_arrays(arrays, names=list(columns))
     component = rr.DynamicArchetype.columns(archetype="Run", components={"row": rows})
     recording.send_columns(run.entity("numbers"), clock(t[instants]), component)

@@ -21,6 +21,34 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
+class Extent(NamedTuple):
+    """Upright rectangle about an outline on the picture plane.
+
+    Attributes:
+        left: Smallest coordinate to the right [m].
+        bottom: Smallest coordinate upward [m].
+        right: Largest coordinate to the right [m].
+        top: Largest coordinate upward [m].
+    """
+
+    left: float
+    bottom: float
+    right: float
+    top: float
+
+    def reaches(self, middle: np.ndarray, distance: float) -> bool:
+        """Return whether a part of the rectangle lies in the square about a point, shape (2,), with
+        sides of twice a distance [m].
+        """
+        across, up = middle.tolist()
+        return (
+            self.left <= across + distance
+            and self.right >= across - distance
+            and self.bottom <= up + distance
+            and self.top >= up - distance
+        )
+
+
 class Outline(NamedTuple):
     """Outline of a shape on the picture plane.
 
@@ -28,11 +56,13 @@ class Outline(NamedTuple):
         corners: Its corners [m], shape (n, 2).
         depth: Distance towards the eye of its nearest point [m]: larger ones are drawn in front.
         colour: Red, green, blue and alpha, 0 to 1.
+        extent: The rectangle about its corners.
     """
 
     corners: np.ndarray
     depth: float
     colour: tuple[float, ...]
+    extent: Extent
 
 
 class _LinkOutlines(NamedTuple):
@@ -132,7 +162,9 @@ class Projection:
             except QhullError:  # all points are on a line
                 continue
             depth = float(projected[:, 2].max())
-            outlines.append(Outline(projected[hull, :2], depth, shape.colour))
+            corners = projected[hull, :2]
+            extent = Extent(*corners.min(axis=0).tolist(), *corners.max(axis=0).tolist())
+            outlines.append(Outline(corners, depth, shape.colour, extent))
         return outlines
 
 

@@ -20,7 +20,7 @@ from llvmlite import ir
 
 from cranedyn.compiled import webassembly
 from cranedyn.compiled.code import Code, Value
-from cranedyn.compiled.machine import Machine, translate
+from cranedyn.compiled.machine import Machine, assembly, translate
 
 LANES = 8
 
@@ -188,3 +188,13 @@ def test_a_section_has_no_name_in_the_symbol_table_of_an_object_file() -> None:
     table = bytes([2, *section, *function])
     (found,) = webassembly._functions_of_symbol_table(table)
     assert (found.name, found.index) == ("f", 5)
+
+
+def test_a_module_that_was_translated_for_another_platform_remains_one_of_this_processor() -> None:
+    """A module of another platform's sizes and alignments must not become code of this one."""
+    module = ir.Module()
+    code = Code(module, "run", ["given"], 1)
+    code.end()
+    before = str(module)
+    assert assembly(module, webassembly.TRIPLE, "")
+    assert str(module) == before

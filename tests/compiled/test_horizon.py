@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 from collections.abc import Callable, Sequence
 from copy import deepcopy
 from dataclasses import replace
@@ -16,7 +17,7 @@ from scipy.integrate import solve_ivp
 
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.compiled.batch import simulate_batch
-from cranedyn.compiled.horizon import horizon_model
+from cranedyn.compiled.horizon import control_instant, horizon_model
 from cranedyn.compiled.horizon.memory import REPORT
 from cranedyn.compiled.horizon.receding import Receding, receding, usual_input_weight
 from cranedyn.compiled.machine import translate
@@ -251,6 +252,36 @@ def test_from_any_state_the_load_comes_to_rest_at_the_goal(which: str) -> None:
     assert settled(run, goal, crane()) < 24.0
     assert made.status.failures == 0
     assert np.abs(run.q[-1, crane().swings]).max() < 1e-3
+
+
+def test_its_code_is_emitted_once_and_compiled_for_this_process_only_when_it_is_called(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A page, a batch and a compiled loop have code of their own; what nobody calls is not
+    compiled.
+    """
+    module = sys.modules[Receding.__module__]
+    done = []
+
+    def emit_plan(*arguments: Any) -> Any:
+        done.append("emitted")
+        return control_instant.emit_plan(*arguments)
+
+    def translate_it(*_: Any) -> Any:
+        done.append("compiled")
+        raise ZeroDivisionError("stands for a compilation")
+
+    monkeypatch.setattr(module, "emit_plan", emit_plan)
+    monkeypatch.setattr(module, "translate", translate_it)
+    # No other test has a controller of this time constant, whose code would be remembered.
+    made = receding(crane(), LIMITS, settling=1.2345)
+    for same in (made, deepcopy(made), receding(crane(), LIMITS, settling=1.2345)):
+        same.memory(1)
+    assert "instant" in module.emit_programme(made.programme).module.globals  # type: ignore[attr-defined]
+    assert done == ["emitted"]
+    with pytest.raises(ZeroDivisionError):
+        made(0.0, crane().start, hold(crane())(0.0))
+    assert done == ["emitted", "compiled"]
 
 
 def test_a_copy_of_the_controller_plans_in_memory_of_its_own() -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
+from unittest.mock import patch
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from cranedyn.errors import CraneError
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
 from cranedyn.recording.film import _Stage, film
+from cranedyn.recording.sketch import Extent
 from cranedyn.references import hold, ramp
 from cranedyn.simulation.simulate import simulate
 from tests.next_commands import check_next_commands
@@ -104,3 +106,26 @@ def test_a_film_of_no_run_is_refused(tmp_path: Path) -> None:
         with pytest.raises(CraneError, match="rows of each run"):
             film(tmp_path / "a.mp4", runs)
     assert not list(tmp_path.iterdir())
+
+
+def test_a_close_up_leaves_out_only_what_lies_outside_of_it() -> None:
+    """The pictures of a load that swings far are those in which all of the crane is drawn."""
+    crane = load_crane()
+    start = crane.state(phi=0.3)
+    run = Run("one", crane, simulate(crane, hold_controller(crane), start=start, duration=0.1))
+    stage = _Stage([run], 0.0, 0.1)
+    with patch.object(Extent, "reaches", lambda *_: True):
+        whole = stage.picture(0.05)
+        drawn_of_all = len(stage._near_crane.get_paths())
+    assert np.array_equal(stage.picture(0.05), whole)
+    # The hook block and the load, of all bodies of the crane.
+    assert 0 < len(stage._near_crane.get_paths()) < 0.2 * drawn_of_all
+
+
+@pytest.mark.parametrize("side", [(-1.0, 0.0), (1.0, 0.0), (0.0, -1.0), (0.0, 1.0)])
+def test_a_rectangle_reaches_a_square_that_it_touches_and_none_beside_it(
+    side: tuple[float, float],
+) -> None:
+    rectangle = Extent(-1.0, -1.0, 1.0, 1.0)
+    assert rectangle.reaches(3.0 * np.array(side), 2.0)
+    assert not rectangle.reaches(3.1 * np.array(side), 2.0)

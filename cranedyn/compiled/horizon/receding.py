@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -181,7 +181,6 @@ class Receding(ShortRepr):
     programme: Programme
     table: np.ndarray
     path: np.ndarray
-    _instant: Instant = field(init=False, repr=False)
     _memory: np.ndarray = field(init=False, repr=False)
     _last_period: int | None = field(default=None, init=False)
     """Number of the period between optimisations in which the last call was; None before."""
@@ -189,7 +188,7 @@ class Receding(ShortRepr):
     """Time of the last call [s]."""
 
     def __post_init__(self) -> None:
-        """Check the arrays, compile the code and allocate its memory.
+        """Check the arrays and allocate the memory.
 
         Raises:
             OutOfRange: If the table or the path is not of the programme's size.
@@ -198,20 +197,19 @@ class Receding(ShortRepr):
         self.table = finite("table", self.table, (shape.size,))
         self.path = finite("path", self.path, (self.programme.rows, shape.states))
         self._memory = aligned_copy(self.memory(1))
-        self._bind()
 
-    def _bind(self) -> None:
-        """Bind the code of a control instant to the memory."""
-        self._instant = Instant(_compile(self.programme).machine, self._memory, self.programme)
+    @cached_property
+    def _instant(self) -> Instant:
+        """The code of a control instant, bound to the memory.
+
+        It is compiled when it is first needed, which takes a second. A compiled loop, a batch and
+        an exporter need other code of the same programme, and never this.
+        """
+        return Instant(_compile(self.programme), self._memory, self.programme)
 
     def __getstate__(self) -> dict[str, Any]:
         """Return all but the code, for a copy with its own memory."""
         return {name: value for name, value in vars(self).items() if name != "_instant"}
-
-    def __setstate__(self, state: dict[str, Any]) -> None:
-        """Restore a copy and bind the code to its memory."""
-        vars(self).update(state)
-        self._bind()
 
     def memory(self, lanes: int) -> np.ndarray:
         """Return the memory of a group of cranes before a run, one in each lane, shape
@@ -357,25 +355,44 @@ class Receding(ShortRepr):
         self._last_time = t
 
 
-class _CompiledProgramme(NamedTuple):
-    """Code of a programme.
+class EmittedProgramme(NamedTuple):
+    """Code of a programme before it is compiled.
 
     Attributes:
-        machine: Its functions.
+        module: Its functions, see `emit_plan` and `emit_instant`.
         constants: Numbers that are the same in every stage, see `emit_plan`.
     """
 
-    machine: Machine
+    module: ir.Module
     constants: list[tuple[str, int, int, float]]
 
 
-@lru_cache(maxsize=64)
-def _compile(programme: Programme) -> _CompiledProgramme:
-    """Compile the code of a controller; the cached code serves all with the same parameters."""
+@lru_cache(maxsize=1)
+def emit_programme(programme: Programme) -> EmittedProgramme:
+    """Emit the code of a controller.
+
+    The last one is remembered, since the table of a controller needs its constants, and what
+    compiles it needs its functions soon after.
+    """
     module = ir.Module()
     constants = emit_plan(module, programme)
     emit_instant(module, programme)
-    return _CompiledProgramme(translate(module), constants)
+    return EmittedProgramme(module, constants)
+
+
+@lru_cache(maxsize=64)
+def _constants(programme: Programme) -> tuple[tuple[str, int, int, float], ...]:
+    """Return the constants of a programme, see `EmittedProgramme`."""
+    return tuple(emit_programme(programme).constants)
+
+
+@lru_cache(maxsize=64)
+def _compile(programme: Programme) -> Machine:
+    """Compile the code of a controller; the cached code serves all with the same parameters."""
+    machine = translate(emit_programme(programme).module)
+    # The instructions as Python's objects take much more memory than the compiled code.
+    emit_programme.cache_clear()
+    return machine
 
 
 def receding(
@@ -732,6 +749,6 @@ def _table(programme: Programme, weight: np.ndarray, rows: dict[str, np.ndarray]
         row(name)[: len(values)] = values
     row("report")[REPORT.index("usual_barrier")] = _BARRIER_SHARE * EXCESS_PRICE
     stages = table[shape.first_stage :].reshape(shape.stages, shape.stage_size)
-    for name, i, place, value in _compile(programme).constants:
+    for name, i, place, value in _constants(programme):
         stages[:, shape.offset(name, i) + place] = value
     return table
