@@ -304,7 +304,8 @@ def _notes(site: Site) -> list[str]:
     notes.append(f"Lifting points: {points}.")
     notes.append(
         "The sketch is seen along Y of the load. What is dashed was not entered, and its height is "
-        "not to scale. The angle β is that of a leg in space; from this side it looks smaller. That "
-        "angle, length and lifting points fit each other is not judged. Forces and strength of the rigging are not in this sketch."
+        "not to scale. The angle β is that of a leg in space; from this side it looks smaller. "
+        "That angle, length and lifting points fit each other is not judged. Forces and strength "
+        "of the rigging are not in this sketch."
     )
     return notes
