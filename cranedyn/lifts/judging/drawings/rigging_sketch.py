@@ -217,7 +217,7 @@ def _draw_slings(
         if details.load.lifting_points:
             canvas.circle(at, lower, 1.2, Stroke(INK, 0.3, fill=INK))
     if details.slings.angle is not None:
-        canvas.path(np.array([[middle, upper], [middle, lower]]), _UNKNOWN)
+        canvas.line(middle, upper, middle, lower)
         text = f"β = {math.degrees(details.slings.angle):.0f}°"
         canvas.text(middle + 1.5, (upper + 2.0 * lower) / 3.0, text, halo=True)
 
@@ -304,6 +304,8 @@ def _notes(site: Site) -> list[str]:
     notes.append(f"Lifting points: {points}.")
     notes.append(
         "The sketch is seen along Y of the load. What is dashed was not entered, and its height is "
-        "not to scale. Forces and strength of the rigging are not in this sketch."
+        "not to scale. The angle β is that of a leg in space; from this side it looks smaller. "
+        "That angle, length and lifting points fit each other is not judged. Forces and strength "
+        "of the rigging are not in this sketch."
     )
     return notes
