@@ -189,9 +189,7 @@ def _ground(ground: SiteTable) -> GroundDetails:
         pressure_source=ground.optional_text("pressure_source"),
         mat_length=None if mat is None else mat[0],
         mat_width=None if mat is None else mat[1],
-        north=(
-            ground.angle("north", allowed="-360 to 360") if "north" in ground.values else None
-        ),
+        north=(ground.angle("north", allowed="-360 to 360") if "north" in ground.values else None),
     )
 
 
