@@ -8,7 +8,7 @@ from pathlib import Path
 
 from cranedyn.benchmark.entry_process import EntryLimits, check_opens
 from cranedyn.benchmark.entry_source import FORMS, find_entry
-from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
+from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify_result
 from cranedyn.benchmark.score import score_table, scores, totals
 from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
 from cranedyn.checks import number, whole
@@ -175,7 +175,7 @@ def _configure_compare(parser: Parser) -> None:
 
 def _compare(options: argparse.Namespace) -> int:
     """Print comparisons of results with the first one."""
-    from cranedyn.benchmark.comparison import check_comparable, compare, comparison_table
+    from cranedyn.benchmark.comparison import check_comparable, compare, benchmark_table
     from cranedyn.errors import OutOfRange
 
     if len(options.results) < 2:
@@ -188,7 +188,7 @@ def _compare(options: argparse.Namespace) -> int:
         print(f"{result.entry}: {totals(scores(result, tasks))}")
     for other in others:
         print(f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better")
-        print(comparison_table(compare(first, other, tasks)))
+        print(benchmark_table(compare(first, other, tasks)))
     if options.figure:
         from cranedyn.benchmark.figures import write_figure
 
@@ -219,7 +219,7 @@ def _verify(options: argparse.Namespace) -> int:
     result = read_benchmark_result(options.result)
     sample = None if options.sample is None else whole("--sample", options.sample, 1)
     with bar("verification", len(result.tasks)) as progress:
-        found = verify(
+        found = verify_result(
             result,
             all_tasks(),
             text=options.entry,

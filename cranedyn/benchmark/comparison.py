@@ -172,7 +172,7 @@ _WORDS = {"settled_s": "settled", "rms_error_m": "rms error"}
 """Words for metrics in the table."""
 
 
-def comparison_table(found: Sequence[KindComparison]) -> str:
+def benchmark_table(found: Sequence[KindComparison]) -> str:
     """Return the table of a comparison; a dash is a number that there is not."""
     lines = [_HEAD]
     for one in found:

@@ -260,7 +260,7 @@ class Verification:
     largest: float
 
 
-def verify(
+def verify_result(
     result: Result,
     tasks: Sequence[CraneTask],
     *,

@@ -30,7 +30,6 @@ from cranedyn.errors import CraneError, DataError, OutOfRange, UnknownName, form
 if TYPE_CHECKING:
     from scipy.interpolate import BSpline
 
-    from cranedyn.disturbances.waves import Jonswap, Raos
 
 COORDINATES = ("surge", "sway", "heave", "roll", "pitch", "yaw")
 """Coordinates of a base, in the order of all arrays."""
@@ -100,7 +99,8 @@ class BaseFrames(NamedTuple):
 class BaseMotion(ShortRepr):
     """Motion of a base over time, see the module for its coordinates and their signs.
 
-    Make one by `from_table`, `from_file`, `sines` or `from_waves`, or with a function of your own.
+    Make one by `from_table`, `from_file` or `sines`, with a function of your own, or by
+    `cranedyn.disturbances.waves.motion_in_waves`.
 
     Attributes:
         law: From times [s], shape (k,), to the coordinates with rates and accelerations, a
@@ -185,41 +185,6 @@ class BaseMotion(ShortRepr):
             frequency[0, column] = 2.0 * math.pi / number(f"period of {name}", period, "s", "> 0")
             phase[0, column] = number(f"phase of {name}", given_phase, "rad")
         return cls(Harmonics(amplitude, frequency, phase), source=f"sines of {', '.join(waves)}")
-
-    @classmethod
-    def from_waves(
-        cls,
-        spectrum: Jonswap,
-        *,
-        raos: Raos | str | Path,
-        seed: int,
-        heading: float | None = None,
-        components: int = 200,
-    ) -> BaseMotion:
-        """Return the motion of a ship without speed in long-crested waves, one realisation of a
-        sea, see `cranedyn.disturbances.waves`.
-
-        Args:
-            spectrum: Spectrum of the waves, a `Jonswap`.
-            raos: Response amplitude operators of the ship, or a file with them, see
-                `Raos.from_file`.
-            seed: Seed of the random phases; the same seed gives the same motion.
-            heading: Direction in which the waves travel, from the ship's X towards its Y [°]: 180
-                for head seas. One of those in the file; None for a file with none or one.
-            components: Number of waves.
-
-        Raises:
-            DataError: If the file cannot be read, or columns are missing.
-            OutOfRange: If a number is out of its range, or the operators do not cover the waves.
-        """
-        from cranedyn.disturbances import waves
-
-        if not isinstance(raos, waves.Raos):
-            raos = waves.Raos.from_file(raos, heading)
-        elif heading is not None and heading != raos.heading:
-            allowed = f"that of the RAOs, {raos.heading}, or none"
-            raise OutOfRange("heading of the waves", heading, allowed, "°")
-        return waves.motion_in_waves(spectrum, raos, seed=seed, components=components)
 
     def at(self, times: np.ndarray) -> BaseCoordinates:
         """Return the coordinates with rates and accelerations at times [s], shape (k,).
@@ -403,7 +368,7 @@ class Harmonics:
 
 
 @dataclass(frozen=True, eq=False)
-class Spline:
+class MotionSpline:
     """Coordinates on splines of degree five through a table.
 
     Attributes:
@@ -480,7 +445,7 @@ def _from_columns(
     for name, column in columns.items():
         index = coordinate_index(name)
         values[:, index] = finite(f"{name} of the base", column, (len(times),), unit=UNITS[index])
-    return BaseMotion(Spline(times, values), float(times[0]), float(times[-1]), source)
+    return BaseMotion(MotionSpline(times, values), float(times[0]), float(times[-1]), source)
 
 
 def _columns_of_coordinates(names: Sequence[str], path: str | Path) -> dict[str, tuple[str, float]]:

@@ -241,14 +241,32 @@ def wave_train(spectrum: Jonswap, *, seed: int, components: int = 200) -> WaveTr
 
 
 def motion_in_waves(
-    spectrum: Jonswap, raos: Raos, *, seed: int, components: int = 200
+    spectrum: Jonswap,
+    raos: Raos | str | Path,
+    *,
+    seed: int,
+    heading: float | None = None,
+    components: int = 200,
 ) -> BaseMotion:
-    """Return the motion of a ship in a realisation of a sea, see
-    `cranedyn.disturbances.base_motion.BaseMotion.from_waves`.
+    """Return the motion of a ship without speed in long-crested waves, one realisation of a sea.
+
+    Args:
+        spectrum: Spectrum of the waves.
+        raos: Response amplitude operators of the ship, or a file with them, see `Raos.from_file`.
+        seed: Seed of the random phases; the same seed gives the same motion.
+        heading: Direction in which the waves travel, from the ship's X towards its Y [°]: 180 for
+            head seas. One of those in the file; None for a file with none or one.
+        components: Number of waves.
 
     Raises:
-        OutOfRange: If the operators do not cover the waves.
+        DataError: If the file cannot be read, or columns are missing.
+        OutOfRange: If a number is out of its range, or the operators do not cover the waves.
     """
+    if not isinstance(raos, Raos):
+        raos = Raos.from_file(raos, heading)
+    elif heading is not None and heading != raos.heading:
+        allowed = f"that of the RAOs, {raos.heading}, or none"
+        raise OutOfRange("heading of the waves", heading, allowed, "°")
     waves = wave_train(spectrum, seed=seed, components=components)
     energy = waves.amplitude**2
     covered = (waves.frequency >= raos.frequency[0]) & (waves.frequency <= raos.frequency[-1])

@@ -16,7 +16,7 @@ from cranedyn.benchmark.comparison import compare
 from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import find_entry
 from cranedyn.benchmark.evaluate import USUAL, InstanceResult
-from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify
+from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark, verify_result
 from cranedyn.benchmark.score import mean_places, score_table, scores, task_score
 from cranedyn.benchmark.task import VERSION, CraneTask
 from cranedyn.benchmark.validity import VARIANTS, order_table, orders
@@ -113,7 +113,7 @@ def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
     result: Result, tasks: list[CraneTask], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(evaluate, "EntryProcess", opened_here)
-    same = verify(result, tasks)
+    same = verify_result(result, tasks)
     assert same.differences == []
     assert same.compared == 6
     assert same.largest == 0.0
@@ -122,7 +122,7 @@ def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
     better = {**instances[1].metrics, "settled_s": instances[1].metrics["settled_s"] - 0.1}
     instances[1] = replace(instances[1], metrics=better)
     instances[4] = replace(instances[4], status="declined")
-    different = verify(replace(result, instances=instances), tasks)
+    different = verify_result(replace(result, instances=instances), tasks)
     assert len(different.differences) == 2
     assert different.differences[0].startswith("toy/move 1: settled_s is ")
     assert different.differences[1].startswith("toy/operator 1 failed; the result says")
@@ -131,7 +131,7 @@ def test_a_result_is_verified_and_a_number_that_was_changed_is_found(
     without = {name: x for name, x in result.instances[1].metrics.items() if name != "settled_s"}
     fewer = [*result.instances[:1], replace(result.instances[1], metrics=without)]
     fewer += result.instances[2:4]
-    assert verify(replace(result, instances=fewer), tasks).differences == [
+    assert verify_result(replace(result, instances=fewer), tasks).differences == [
         "toy/operator has the instances 0 to 2; the result has 0.",
         "toy/move 1: there is a settled_s, other than in the result.",
     ]
@@ -143,12 +143,12 @@ def test_a_result_of_another_entry_or_other_tasks_is_not_compared(
     changed = folder / "changed.py"
     changed.write_text(ENTRY + "\n", encoding="utf-8")
     with pytest.raises(CraneError, match="is not the file of the result"):
-        verify(result, tasks, text=f"{changed}:towards")
+        verify_result(result, tasks, text=f"{changed}:towards")
     with pytest.raises(CraneError, match="toy/operator of the result is not one of this version"):
-        verify(result, tasks[:1])
+        verify_result(result, tasks[:1])
     other = replace(result, tasks={**result.tasks, "toy/move": "0"})
     with pytest.raises(CraneError, match="toy/move"):
-        verify(other, tasks)
+        verify_result(other, tasks)
 
 
 # --- scores ---------------------------------------------------------------------------------------

@@ -12,7 +12,13 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.disturbances.base_motion import BaseCoordinates, BaseMotion
-from cranedyn.disturbances.waves import Jonswap, Raos, significant_motion, wave_train
+from cranedyn.disturbances.waves import (
+    Jonswap,
+    Raos,
+    motion_in_waves,
+    significant_motion,
+    wave_train,
+)
 from cranedyn.errors import CraneError, DataError, Misshapen, OutOfRange, UnknownName
 
 SEA = BaseMotion.sines(
@@ -153,13 +159,13 @@ def test_a_jonswap_spectrum_has_the_height_and_the_peak_of_its_formula() -> None
 
 def test_a_raft_heaves_as_the_water_does_and_as_high_as_the_sea_is() -> None:
     spectrum = Jonswap(2.0, 8.0)
-    motion = BaseMotion.from_waves(spectrum, raos=FOLLOWING, seed=3)
+    motion = motion_in_waves(spectrum, raos=FOLLOWING, seed=3)
     waves = wave_train(spectrum, seed=3)
     t = np.linspace(0.0, 50.0, 77)
     assert_allclose(motion.at(t).position[:, 2], waves.elevation(t), atol=1e-12)
     assert 4.0 * math.sqrt((waves.amplitude**2).sum() / 2.0) == pytest.approx(2.0, rel=1e-9)
     assert significant_motion(spectrum, FOLLOWING)[2] == pytest.approx(2.0, rel=1e-9)
-    other = BaseMotion.from_waves(spectrum, raos=FOLLOWING, seed=4)
+    other = motion_in_waves(spectrum, raos=FOLLOWING, seed=4)
     assert np.abs(other.at(t).position - motion.at(t).position).max() > 0.1
 
 
@@ -172,8 +178,8 @@ def test_a_response_has_the_phase_of_its_file_and_its_heading(tmp_path: Path) ->
     spectrum = Jonswap(2.0, 8.0)
     t = np.linspace(0.0, 20.0, 2001)
     waves = wave_train(spectrum, seed=1)
-    head = BaseMotion.from_waves(spectrum, raos=file, heading=180.0, seed=1)
-    beam = BaseMotion.from_waves(spectrum, raos=file, heading=90.0, seed=1)
+    head = motion_in_waves(spectrum, raos=file, heading=180.0, seed=1)
+    beam = motion_in_waves(spectrum, raos=file, heading=90.0, seed=1)
     assert not head.at(t).position[:, 3].any()
     # A phase of 90° is a lead: cos(ω t + ε + 90°).
     lead = np.cos(np.multiply.outer(t, waves.frequency) + waves.phase + math.pi / 2.0)
@@ -183,8 +189,8 @@ def test_a_response_has_the_phase_of_its_file_and_its_heading(tmp_path: Path) ->
     roll = math.radians(2.0) * late @ waves.amplitude
     assert_allclose(beam.at(t).position[:, 3], roll, atol=1e-12)
     with pytest.raises(OutOfRange, match="one of 90, 180"):
-        BaseMotion.from_waves(spectrum, raos=file, heading=45.0, seed=1)
+        motion_in_waves(spectrum, raos=file, heading=45.0, seed=1)
     with pytest.raises(OutOfRange, match="heading of the waves is none"):
-        BaseMotion.from_waves(spectrum, raos=file, seed=1)
+        motion_in_waves(spectrum, raos=file, seed=1)
     with pytest.raises(OutOfRange, match="of the energy of the waves lies outside"):
-        BaseMotion.from_waves(Jonswap(2.0, 2.5), raos=file, heading=90.0, seed=1)
+        motion_in_waves(Jonswap(2.0, 2.5), raos=file, heading=90.0, seed=1)

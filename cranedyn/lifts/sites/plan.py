@@ -507,7 +507,7 @@ def _drive_limits(station: Station, swing: float) -> Limits:
     return Limits((station.converters.rates / RESERVE).tolist(), accelerations)
 
 
-class OutOfReach(OutOfRange):
+class GoalOutOfReach(OutOfRange):
     """A goal at which the load of a crane cannot hang with its drives in their ranges.
 
     Attributes:
@@ -559,7 +559,7 @@ def missing_reach(station: Station, goal: _Position) -> float:
     """
     try:
         _positions_at_goal(station, tuple(station.ranges.mean(axis=0).tolist()), goal)
-    except OutOfReach as error:
+    except GoalOutOfReach as error:
         return max(error.aside, error.rope)
     return 0.0
 
@@ -578,7 +578,7 @@ def _positions_at_goal(station: Station, begin: _Position, goal: _Position) -> l
         goal: Goal of the centre of the load [m].
 
     Raises:
-        OutOfReach: If no position in the ranges of the drives is found.
+        GoalOutOfReach: If no position in the ranges of the drives is found.
     """
     crane = station.crane
     rng = np.random.default_rng(0)
@@ -587,7 +587,7 @@ def _positions_at_goal(station: Station, begin: _Position, goal: _Position) -> l
     inside = (np.clip(q, crane.lower, crane.upper) == q).all(axis=1)
     reached = q[inside & (miss < _NEWTON_TOLERANCE)][:, crane.layout.drives]
     if not len(reached):
-        raise OutOfReach(station, goal, q)
+        raise GoalOutOfReach(station, goal, q)
     times = (np.abs(reached - begin) / station.converters.rates).max(axis=1)
     reached = reached[times.argsort()]
     differs = np.abs(reached - reached[0]).max(axis=1) > _SAME_POSITION_TOLERANCE

@@ -32,7 +32,7 @@ from cranedyn.lifts.sites.crane_site import CraneSite
 from cranedyn.lifts.sites.lift_list import ANY_CRANE, ListedLift
 from cranedyn.lifts.sites.plan import (
     SLICE,
-    OutOfReach,
+    GoalOutOfReach,
     Schedule,
     ScheduledLift,
     ScheduleState,
@@ -176,7 +176,7 @@ class _NotReached(NoWay):
         out_of_reach: What is missing.
     """
 
-    def __init__(self, where: str, out_of_reach: OutOfReach) -> None:
+    def __init__(self, where: str, out_of_reach: GoalOutOfReach) -> None:
         super().__init__(f"cannot bring it {where}: {out_of_reach.words}")
         self.where = where
         self.out_of_reach = out_of_reach
@@ -395,7 +395,7 @@ class _ShiftPlanner:
             earliest = due if place == "from" else 0.0
             try:
                 arrives = self._go(crane, goal, number, earliest, cleared=cleared)
-            except OutOfReach as error:
+            except GoalOutOfReach as error:
                 raise _NotReached(f"{place} {_place(goal)}", error) from error
             except CraneError as error:
                 raise NoWay(f"cannot bring it {place} {_place(goal)}: {error}") from error
