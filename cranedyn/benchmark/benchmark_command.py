@@ -175,7 +175,7 @@ def _configure_compare(parser: Parser) -> None:
 
 def _compare(options: argparse.Namespace) -> int:
     """Print comparisons of results with the first one."""
-    from cranedyn.benchmark.comparison import check_comparable, compare, benchmark_table
+    from cranedyn.benchmark.comparison import benchmark_table, check_comparable, compare
     from cranedyn.errors import OutOfRange
 
     if len(options.results) < 2:

@@ -282,9 +282,9 @@ def motion_in_waves(
     # cos x = sin(x + π/2)
     phase = waves.phase[:, None] + np.angle(response) + 0.5 * math.pi
     frequency = np.tile(waves.frequency[:, None], (1, len(COORDINATES)))
-    heading = "" if raos.heading is None else f", heading {raos.heading:g}°"
+    towards = "" if raos.heading is None else f", heading {raos.heading:g}°"
     source = (
-        f"waves of Hs {spectrum.hs:g} m, Tp {spectrum.tp:g} s, γ {spectrum.gamma:g}{heading}, "
+        f"waves of Hs {spectrum.hs:g} m, Tp {spectrum.tp:g} s, γ {spectrum.gamma:g}{towards}, "
         f"seed {seed}"
     )
     return BaseMotion(Harmonics(np.abs(response), frequency, phase), source=source)
