@@ -179,9 +179,13 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     if slews or crane.jib_length is not None:
         length = None if crane.jib_length is None else f"{crane.jib_length:g} m"
         fields.append(PlanField("Length of the jib", length))
-    if slews or crane.counter_ballast is not None:
-        ballast = None if crane.counter_ballast is None else tonnes(crane.counter_ballast)
-        fields.append(PlanField("Counter-ballast", ballast))
+    # What the chart asks for is the same mass, by another name.
+    ballast = crane.counter_ballast
+    if ballast is None:
+        ballast = analysis.site.counterweight
+    if slews or ballast is not None:
+        shown = None if ballast is None else tonnes(ballast)
+        fields.append(PlanField("Counter-ballast", shown))
     height = crane.height_under_hook
     fields += [
         PlanField("Falls", None if analysis.inputs.falls is None else f"{analysis.inputs.falls}"),

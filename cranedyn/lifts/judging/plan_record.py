@@ -320,12 +320,15 @@ def mask_times(sentence: str) -> str:
 def recorded_table(
     title: str, columns: Sequence[str], rows: Sequence[Sequence[str]]
 ) -> RecordedTable:
-    """Return a table as a record holds it, from its headers and its printed cells."""
+    """Return a table as a record holds it, from its headers and its printed cells.
+
+    Spaces at which a page does not break its lines are plain ones in the record.
+    """
     masked_rows = []
     for row in rows:
         masked = []
         for header, cell in zip(columns, row, strict=True):
-            masked.append(TIME_MASK if header == TIME_COLUMN else cell)
+            masked.append(TIME_MASK if header == TIME_COLUMN else " ".join(cell.split()))
         masked_rows.append(tuple(masked))
     return RecordedTable(title, tuple(columns), tuple(masked_rows))
 

@@ -111,9 +111,10 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
         # Spaces that do not break keep times and points in one line of a narrow column.
         times = f"{step.begins:.0f} to {step.ends:.0f}".replace(" ", NO_BREAK)
         place = place_text(step.place).replace(" ", NO_BREAK)
-        rows.append([str(step.number), times, step.action, step.speeds or "-", place, speaks])
+        positions = step.positions.replace(" ", NO_BREAK)
+        rows.append([positions, times, step.action, step.speeds or "-", place, speaks])
     columns = [
-        ("step", ""),
+        ("positions", ""),
         ("time [s]", ""),
         ("what happens", ""),
         ("at most", ""),
@@ -121,5 +122,8 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
         ("who speaks", ""),
     ]
     spoken = people.communication or BLANK
-    note = f"Times from the beginning of the lift. They speak by: {spoken}."
+    note = (
+        "Positions as numbered on the drawings; times from the beginning of the lift. They speak "
+        f"by: {spoken}."
+    )
     return Table(SEQUENCE_TITLE, columns, rows, note)

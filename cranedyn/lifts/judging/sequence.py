@@ -1,12 +1,14 @@
 """The steps of a lift: from one numbered position to the next, when, what the crane does, and how
 fast.
 
-The positions are the ends of the lift and the corners of its way, where the drives change what they
-do. The motion rounds these corners, so that the load passes near them.
+The positions are those that the drawings number, see
+`cranedyn.lifts.judging.numbered_positions`: whoever reads "2 to 3" in the table finds 2 and 3 on
+the plan.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -14,6 +16,7 @@ import numpy as np
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.load_joints import LoadJoints
+from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.timing import STEP
 
@@ -29,14 +32,15 @@ class LiftStep:
     """A step of a lift.
 
     Attributes:
-        number: Its number, from 1.
+        positions: The numbers of the positions between which it is, such as "2 to 3"; "1" or the
+            last number alone for a step that lifts the load off or sets it down.
         begins, ends: When it begins and ends [s], from the beginning of the lift.
         action: What the crane does, in words.
         speeds: The largest rate of each drive that moves, in words; empty where it is not told.
         place: Place of the load at its end in the frame of the site [m], shape (3,).
     """
 
-    number: int
+    positions: str
     begins: float
     ends: float
     action: str
@@ -52,48 +56,30 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     clearance = lift.clearance
     grounded = analysis.grounded
     motion_begins = 0.0 if grounded is None else grounded.lift.phases["motion"]
-    rows = _corner_rows(lift.timed.places, lift.points, np.array(lift.limits.rates))
-    ends = analysis.site.to_site(clearance.point(lift.timed.places[rows]))
+    positions = numbered_positions(analysis)
+    last = positions[-1]
 
     steps: list[LiftStep] = []
     if grounded is not None and "lift-off" in grounded.lift.phases:
         action = "lift off: take up the slack, raise the load off its support, wait"
-        steps.append(LiftStep(1, 0.0, motion_begins, action, "", ends[0]))
-    for i in range(len(rows) - 1):
-        places = lift.timed.places[rows[i] : rows[i + 1] + 1]
+        steps.append(LiftStep("1", 0.0, motion_begins, action, "", positions[0].centre))
+    for before, after in itertools.pairwise(positions):
+        places = lift.timed.places[before.row : after.row + 1]
         step = LiftStep(
-            number=len(steps) + 1,
-            begins=motion_begins + STEP * float(rows[i]),
-            ends=motion_begins + STEP * float(rows[i + 1]),
+            positions=f"{before.number} to {after.number}",
+            begins=motion_begins + before.t,
+            ends=motion_begins + after.t,
             action=_action(clearance, places),
             speeds=_speeds(clearance, places),
-            place=ends[i + 1],
+            place=after.centre,
         )
         steps.append(step)
     if grounded is not None and "set-down" in grounded.lift.phases:
         begins = grounded.lift.phases["set-down"]
-        place = analysis.site.to_site(clearance.point(lift.ends[1]))
         action = "set down: lower the load onto its support until the rope is slack"
-        steps.append(LiftStep(len(steps) + 1, begins, analysis.duration, action, "", place))
+        step = LiftStep(str(last.number), begins, analysis.duration, action, "", last.centre)
+        steps.append(step)
     return steps
-
-
-def _corner_rows(places: np.ndarray, corners: np.ndarray, rates: np.ndarray) -> list[int]:
-    """Return the rows of a motion in which it is nearest to each corner of its way, in order; the
-    first and the last row are its ends.
-
-    Args:
-        places: Places of the load in rows of time, shape (n, 3).
-        corners: Ends and corners of the way, shape (k, 3).
-        rates: Rates of the drives, which make their distances comparable, shape (3,).
-    """
-    rows = [0]
-    for corner in corners[1:-1]:
-        distance = np.abs((places[rows[-1] :] - corner) / rates).max(axis=1)
-        rows.append(rows[-1] + int(distance.argmin()))
-    rows.append(len(places) - 1)
-    # Corners so close together that one row is nearest to both make one step.
-    return sorted(set(rows))
 
 
 def _moving(clearance: Clearance, places: np.ndarray) -> list[int]:

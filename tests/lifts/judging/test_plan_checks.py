@@ -28,6 +28,7 @@ from cranedyn.lifts.judging.lift_checks import (
     wind_borne,
 )
 from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
+from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
     centre_between_lifting_points,
     corner_range,
@@ -316,7 +317,10 @@ def test_steps_follow_each_other_from_the_start_to_the_goal_and_say_what_the_dri
     is hoisted over the wall is lowered behind it.
     """
     steps = lift_steps(bare())
-    assert [step.number for step in steps] == list(range(1, len(steps) + 1))
+    assert [step.positions for step in steps] == [
+        f"{i} to {i + 1}" for i in range(1, len(steps) + 1)
+    ]
+    assert [step.ends for step in steps] == [p.t for p in numbered_positions(bare())][1:]
     assert steps[0].begins == 0.0
     assert steps[-1].ends == pytest.approx(lift().timed.motion.arrival, abs=0.03)
     for before, after in itertools.pairwise(steps):

@@ -439,3 +439,8 @@ def test_canonical_json_has_no_number_that_is_not_finite() -> None:
     assert recorded_table("t", ["at [s]"], [["3.1"]]) == table
     file = PlanFile("site", "a.toml", "0" * 64, 0)
     assert file.text is None
+
+
+def test_a_record_has_plain_spaces_where_a_page_has_such_as_do_not_break() -> None:
+    table = recorded_table("t", ["time [s]"], [["0\N{NO-BREAK SPACE}to\N{NO-BREAK SPACE}26"]])
+    assert table.rows == (("0 to 26",),)

@@ -196,6 +196,9 @@ def sequence_sheet(scene: LiftScene, page: int, block: TitleBlock) -> LiftSheet:
     for k, step in enumerate(steps[first : first + STEPS_ON_SHEET]):
         _draw_step(canvas, scene, first + k, step, MARGIN + 9.0 + k * _ROW_HEIGHT)
     notes = [*_phases(scene), "Sketches are not to scale; times are those of the planned motion."]
+    communication = scene.analysis.site.details.people.communication
+    if communication is not None:
+        notes.append(f"Signals by: {communication.rstrip('.')}.")
     letters = int((paper.width - 2.0 * MARGIN - 100.0) / text_width("x"))
     lines = [line for note in notes for line in textwrap.wrap(note, letters)]
     canvas.lines_of_text(MARGIN + 3.0, paper.height - MARGIN - 36.0, lines, LINE)
@@ -233,30 +236,34 @@ def _draw_step(
     left = MARGIN + 2.0 * (_SKETCH_WIDTH + 1.0) + 3.0
     right = MARGIN + width - 2.0
     canvas.text(left, top + 6.0, f"{step.number - 1} to {step.number}", bold=True, size=4.5)
+    canvas.text(left + 18.0, top + 6.0, f"from {step.begins:.0f} s to {step.ends:.0f} s")
     letters = int((right - left) / text_width("x"))
     lines = []
     for sentence in step.movements:
         lines += textwrap.wrap(f"{sentence}.".replace("..", "."), letters)
-    lines += textwrap.wrap(f"From {step.begins:.0f} s to {step.ends:.0f} s.", letters)
     if step.speeds:
         lines += textwrap.wrap(f"At most {', '.join(step.speeds)}.", letters)
-    canvas.lines_of_text(left, top + 11.5, lines, LINE - 0.3)
-    _draw_signal(canvas, scene.analysis.site.details.people, left, right, top + _ROW_HEIGHT - 4.0)
+    bottom = top + _ROW_HEIGHT - 4.0
+    room = bottom - (top + 11.5)
+    room -= _draw_signal(canvas, scene.analysis.site.details.people, left, right, bottom)
+    canvas.lines_of_text(left, top + 11.5, lines, min(LINE - 0.3, room / len(lines)))
 
 
-def _draw_signal(canvas: Canvas, people: People, left: float, right: float, y: float) -> None:
-    """Write who gives the signal and how, or a line to be filled in by hand."""
-    canvas.text(left, y, "Signals:", colour="#555555")
+def _draw_signal(canvas: Canvas, people: People, left: float, right: float, y: float) -> float:
+    """Write who gives the signal, or a line to be filled in by hand; return the height that this
+    takes above its last line [mm].
+    """
+    pitch = LINE - 0.3
+    lines = [""]
     if people.signaller is None:
         canvas.line(left + 15.0, y + 0.5, right, y + 0.5, THIN)
-        return
-    text = people.signaller
-    if people.communication is not None:
-        text += f", {people.communication}"
-    letters = int((right - left - 15.0) / text_width("x"))
-    lines = textwrap.wrap(text, letters)
-    begin = y - (len(lines) - 1) * (LINE - 0.3)
-    canvas.lines_of_text(left + 15.0, begin, lines, LINE - 0.3)
+    else:
+        letters = int((right - left - 15.0) / text_width("x"))
+        lines = textwrap.wrap(people.signaller, letters)
+    begin = y - (len(lines) - 1) * pitch
+    canvas.text(left, begin, "Signals:", colour="#555555")
+    canvas.lines_of_text(left + 15.0, begin, lines, pitch)
+    return len(lines) * pitch
 
 
 def _fitting_scale(sketch: Drawing, width: float, height: float) -> float:

@@ -29,13 +29,13 @@ from cranedyn.lifts.judging.drawings.outlines import (
     outlines_of,
     rings_of,
 )
-from cranedyn.lifts.judging.drawings.positions import Position, numbered_positions
 from cranedyn.lifts.judging.drawings.swept import (
     SweptAreas,
     sampled_rows,
     swept_areas,
     unit_in_plan,
 )
+from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.solids import Solid
 
@@ -369,7 +369,7 @@ def _plan_notes(scene: LiftScene) -> list[str]:
     if scene.nearest is not None:
         notes.append("The least distance is one in space; its line is what is seen of it.")
     entered = site.details.exclusion
-    notes.append(f"How it is kept clear: {entered or 'not entered'}.")
+    notes.append(f"How it is kept clear: {(entered or 'not entered').rstrip('.')}.")
     if site.details.ground.north is None:
         notes.append("North was not entered; the arrows are the axes of the site.")
     return notes
