@@ -54,6 +54,7 @@ def trajectory_columns(
     *,
     rope: bool = False,
     base: bool = False,
+    loads: bool = False,
 ) -> dict[str, tuple[str, ...]]:
     """Return the names of the columns of a trajectory by quantity.
 
@@ -63,6 +64,7 @@ def trajectory_columns(
         points: Names of the points on which forces act.
         rope: Whether the rope may go slack, see `Trajectory.phase`.
         base: Whether the base moves, see `Trajectory.base`.
+        loads: Whether loads are attached and released, see `cranedyn.simulation.stages`.
     """
     drives = list(drives)
     efforts = []
@@ -79,6 +81,8 @@ def trajectory_columns(
         outside.append("W_impacts_J")
     if base:
         outside.append("W_base_J")
+    if loads:
+        outside.append("W_loads_J")
     columns = {
         "t": ("t_s",),
         "q": tuple(f"{symbol}_{unit}" for symbol, unit in units.items()),
@@ -101,7 +105,9 @@ def trajectory_columns(
 
 
 _GENERAL_COLUMNS = frozenset(
-    itertools.chain.from_iterable(trajectory_columns({}, (), (), rope=True, base=True).values())
+    itertools.chain.from_iterable(
+        trajectory_columns({}, (), (), rope=True, base=True, loads=True).values()
+    )
 )
 """Columns without the symbol of a joint, drive or point."""
 
@@ -140,6 +146,7 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
         units["force"],
         rope="phase" in names,
         base=any(name in names for name in BASE_COLUMNS),
+        loads="W_loads_J" in names,
     )
     missing = [
         name for name in itertools.chain.from_iterable(columns.values()) if name not in names

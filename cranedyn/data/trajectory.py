@@ -48,8 +48,8 @@ class Trajectory(TimeSeries):
             the crane [N], shape (rows, 3 points).
         outside: Work done on the crane since the start by these forces, by buffers at the ends of
             the ranges, if the rope may go slack, by impacts where it becomes taut, which is
-            negative where kinetic energy is lost, and, if the base moves, by the base [J], shape
-            (rows, 2 to 4).
+            negative where kinetic energy is lost, if the base moves, by the base, and, if loads are
+            attached or released, by them [J], shape (rows, 2 to 5).
         valid: 1 where the model is valid, 0 elsewhere, see `cranedyn.dynamics.validity`; shape
             (rows,).
         phase: 0 where the rope is taut, 1 where it is slack, 2 where the load stands on the ground,
