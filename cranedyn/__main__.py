@@ -544,7 +544,8 @@ def _run_verify(parser: _Parser, options: argparse.Namespace) -> int:
     print({Verdict.HOLDS: "Same.", Verdict.FAILS: "Different."}.get(verdict, "Not judged."))
     record = options.file.with_suffix(".json")
     sign = command_line("cranedyn", "sign", record, "--by", "NAME")
-    print(next_lines(sign, "cranedyn verify --help"))
+    judge = command_line("cranedyn", "run", "lift_report", "--help")
+    print(next_lines(sign if verdict is Verdict.HOLDS else judge, "cranedyn verify --help"))
     return {Verdict.HOLDS: 0, Verdict.FAILS: FAILED}.get(verdict, REFUSED)
 
 

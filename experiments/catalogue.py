@@ -172,7 +172,6 @@ EXPERIMENTS = {
         (),
         ("--lifts", "20", "--gusts", "1"),
         {
-            "site": "Plan and elevations of the site with the way of the load.",
             "clearance": "Clearance and swing over time.",
             "loads": "Utilisation, load moment and the rope's angles over time.",
             "chart": "Chart with the way of the load, and the jib's largest moments.",
@@ -191,6 +190,11 @@ EXPERIMENTS = {
         "Lift-off and set-down",
         "Lift-off from the ground and set-down: rope, swing, ground.",
         figures={"lift_off": "Tension over weight at lift-off by speed: φ2 and simulation."},
+    ),
+    "hook": Entry(
+        "A load attached and released",
+        "Attach, carry, set down, release: impacts and energy.",
+        figures={"round_trip": "Height and pull of the rope; shaded where the box hangs or lies."},
     ),
     "ship": Entry(
         "A crane on a ship",
@@ -247,6 +251,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "mass_ratio": "20 s",
         "linear_vs_full": "25 s",
         "ship": "1 min",
+        "hook": "10 s",
         "cranes": "1 min",
     },
     "Control": {

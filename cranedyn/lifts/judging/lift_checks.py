@@ -317,11 +317,17 @@ def perturbed_lifts(analysis: LiftAnalysis) -> Check:
         return Check(f"No perturbed lifts were simulated: {reason}.", None)
     assert required.risk is not None  # see `cranedyn.lifts.judging.judged_inputs`
     _, high = perturbed.interval()
+    needed = ""
+    if perturbed.failures == 0 and high > required.risk > 0.0:
+        # Clopper and Pearson's bound of no failure among n is 1 - (α/2)^(1/n).
+        least = math.ceil(math.log(0.5 * (1.0 - CONFIDENCE)) / math.log1p(-required.risk))
+        needed = f" That none fails shows so little of so few; it takes {least}."
     return Check(
         f"Of {len(perturbed.least)} perturbed lifts {perturbed.failures - perturbed.broken_off} "
         f"come nearer than {analysis.site.distance:g} m, and {perturbed.broken_off} take a drive "
         f"out of its range or slacken the rope: a probability of {100.0 * high:.2f} % at most, "
-        f"with {100.0 * CONFIDENCE:g} % confidence; {100.0 * required.risk:g} % allowed.",
+        f"with {100.0 * CONFIDENCE:g} % confidence; {100.0 * required.risk:g} % "
+        f"allowed.{needed}",
         high <= required.risk,
     )
 

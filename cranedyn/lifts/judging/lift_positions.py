@@ -11,6 +11,7 @@ import numpy as np
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.numbered_positions import end_names
 
 CATEGORIES = ("routine", "intermediate", "complex", "critical")
 """Categories of a lift, the lightest first."""
@@ -55,21 +56,22 @@ class LiftPosition:
 
 
 def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
-    """Return pick-up, largest radius and set-down of a lift in the order of time. For a crane that
-    does not slew the place at which a wheel presses most takes the place of the largest radius; it
-    is left out if the wheels are not known either.
+    """Return pick-up, largest radius and set-down of a lift in the order of time, the first and the
+    last where the load hangs. For a crane that does not slew the place at which a wheel presses
+    most takes the place of the largest radius; it is left out if the wheels are not known either.
     """
     rows = np.arange(len(analysis.loads.t))[analysis.hangs]
     first = int(rows[0])
     last = int(rows[-1])
-    named = [("pick-up", first)]
+    first_name, last_name = end_names(analysis)
+    named = [(first_name, first)]
     radius = analysis.loads.values.get("radius_m")
     wheels = largest_wheel_force(analysis)
     if radius is not None:
         named.append(("largest radius", int(rows[radius[rows].argmax()])))
     elif wheels is not None:
         named.append(("largest wheel force", int(rows[wheels[rows].argmax()])))
-    named.append(("set-down", last))
+    named.append((last_name, last))
     return [_position(analysis, name, row, wheels) for name, row in named]
 
 

@@ -46,7 +46,8 @@ def numbered_positions(analysis: LiftAnalysis) -> list[Position]:
     nearest = min(round(analysis.certificate.nearest_t / STEP), last)
     turns = turning_rows(places, lift.points, np.array(lift.limits.rates))
 
-    named = {0: "pick-up", last: "set-down"}
+    first_name, last_name = end_names(analysis)
+    named = {0: first_name, last: last_name}
     if _is_apart(nearest, named):
         named[nearest] = "nearest to an obstacle"
     for row in turns:
@@ -60,6 +61,15 @@ def numbered_positions(analysis: LiftAnalysis) -> list[Position]:
         position = Position(number, named[row], row, STEP * row, places[row], centres[row])
         positions.append(position)
     return positions
+
+
+def end_names(analysis: LiftAnalysis) -> tuple[str, str]:
+    """Return what the two ends of the planned motion are. A load that stands hangs above its place
+    there: after it was lifted off, and before it is set down.
+    """
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
+    first = "lifted off" if "lift-off" in phases else "pick-up"
+    return first, "above set-down" if "set-down" in phases else "set-down"
 
 
 def turning_rows(places: np.ndarray, corners: np.ndarray, rates: np.ndarray) -> list[int]:

@@ -18,9 +18,10 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from cranedyn.data.files import lock_folder, open_file, read_bytes
-from cranedyn.errors import DataError
+from cranedyn.errors import CraneError, DataError
 from cranedyn.lifts.judging.plan_changes import revision_changes
 from cranedyn.lifts.judging.plan_record import (
+    NO_GO,
     TIME_COLUMN,
     TIME_MASK,
     PlanMark,
@@ -152,11 +153,14 @@ def sign_plan(file: Path, name: str, role: str) -> PlanRecord:
 
     Raises:
         DataError: If the record cannot be read, or a document is not the one of the record.
-        CraneError: If the name is not printable, or the plan was signed by it in this role.
+        CraneError: If the lift is NO GO, the name is not printable, or the plan was signed by it in
+            this role.
     """
     path = record_beside(file)
     with lock_folder(path.parent):
         record = read_plan_record(path)
+        if record.result.word == NO_GO:
+            raise CraneError("The plan was not signed: a lift that is NO GO is not.")
         for check in document_checks(record, path.parent):
             if check.verdict is not Verdict.HOLDS:
                 raise DataError(

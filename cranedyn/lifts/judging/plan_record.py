@@ -50,6 +50,9 @@ MAX_SIGNATURES = 100
 ROLES = ("prepared", "approved")
 """As what somebody may sign a plan."""
 
+NO_GO = "NO GO"
+"""Word of a lift that breaks a limit, whose plan is not signed."""
+
 FILE_ROLES = ("site", "chart", "crane", "named")
 """What a file is to a plan: the site file, the load chart, the crane of the command line, or a file
 that the site file names."""

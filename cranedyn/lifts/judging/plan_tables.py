@@ -18,9 +18,6 @@ PLACES_TITLE = "Pick-up and set-down"
 WIND_TITLE = "Wind limits"
 """Title of the table of the winds in which the lift stops."""
 
-NO_BREAK = "\N{NO-BREAK SPACE}"
-"""A space at which no line is broken."""
-
 SEQUENCE_TITLE = "Sequence"
 """Title of the table of the steps of a lift."""
 
@@ -108,11 +105,9 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     speaks = people.signaller or BLANK
     rows: list[Row] = []
     for step in lift_steps(analysis):
-        # Spaces that do not break keep times and points in one line of a narrow column.
-        times = f"{step.begins:.0f} to {step.ends:.0f}".replace(" ", NO_BREAK)
-        place = place_text(step.place).replace(" ", NO_BREAK)
-        positions = step.positions.replace(" ", NO_BREAK)
-        rows.append([positions, times, step.action, step.speeds or "-", place, speaks])
+        times = f"{step.begins:.0f} to {step.ends:.0f}"
+        place = place_text(step.place)
+        rows.append([step.positions, times, step.action, step.speeds or "-", place, speaks])
     columns = [
         ("positions", ""),
         ("time [s]", ""),

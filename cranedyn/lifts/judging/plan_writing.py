@@ -133,13 +133,13 @@ def write_plan(
         page = folder / f"{revision.stem}.html"
         pdf = folder / f"{revision.stem}.pdf"
         path = folder / f"{revision.stem}.json"
-        write_text(page, judgement.html(command_line, revision.mark(record)))
         # Those of an earlier judgement would be taken for documents of this one. A record is a file
         # that anybody may have written, so that only names that are written here are removed.
         if revision.replaced is not None:
             for name in revision.replaced.documents:
                 if name.startswith((f"{revision.stem}.", f"{revision.stem}_")):
                     (folder / name).unlink(missing_ok=True)
+        write_text(page, judgement.html(command_line, revision.mark(record)))
         documents = [page]
         why_no_pdf = ""
         try:

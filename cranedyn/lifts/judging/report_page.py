@@ -35,7 +35,7 @@ from cranedyn.lifts.judging.plan_fields import (
     identification,
     signatures,
 )
-from cranedyn.lifts.judging.plan_record import PlanMark
+from cranedyn.lifts.judging.plan_record import NO_GO, PlanMark
 from cranedyn.lifts.judging.plan_tables import (
     PLACES_TITLE,
     POSITIONS_TITLE,
@@ -51,7 +51,7 @@ from cranedyn.verdict import Check, Verdict, overall
 
 WORDS = {
     Verdict.HOLDS: "GO",
-    Verdict.FAILS: "NO GO",
+    Verdict.FAILS: NO_GO,
     Verdict.NOT_JUDGED: "NOT COMPLETE",
 }
 """What a report says by its verdict."""

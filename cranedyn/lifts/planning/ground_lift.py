@@ -525,9 +525,12 @@ def _range_check(lift: GroundLift) -> Check:
     lowest = crane.lower[drives] - _RANGE_TOLERANCE
     highest = crane.upper[drives] + _RANGE_TOLERANCE
     inside = (positions >= lowest) & (positions <= highest)
+    advice = ""
+    if longest > allowed:
+        advice = " If the rope of your crane is longer, enter it: values = {hoist_max = ...}."
     return Check(
         f"The cable is {longest:.2f} m long at most, of {allowed:.2f} m; the drives "
-        f"{'stay in' if inside.all() else 'leave'} their ranges.",
+        f"{'stay in' if inside.all() else 'leave'} their ranges.{advice}",
         bool(inside.all()),
     )
 

@@ -26,6 +26,7 @@ from cranedyn.lifts.judging import report_page, wind_standards
 from cranedyn.lifts.judging import wind_limit as wind_limit_module
 from cranedyn.lifts.judging.analysis import JudgedInputs, LiftAnalysis, Requirements
 from cranedyn.lifts.judging.chart import CHARTS, assess_run, read_chart
+from cranedyn.lifts.judging.drawings import NoDxf
 from cranedyn.lifts.judging.judged_inputs import is_shipped_crane, resolve_inputs
 from cranedyn.lifts.judging.judgement import Judgement, judge
 from cranedyn.lifts.judging.lift_checks import CHECKS, counter_jib_entered, run_checks
@@ -155,7 +156,34 @@ def test_without_a_browser_there_is_a_sentence_and_the_page(
     assert lift_report.write_pages(undecided, tmp_path, "", source) == 1
     assert (tmp_path / "lift.html").exists() and not (tmp_path / "lift.pdf").exists()
     assert "install Chromium, or print the page from any browser" in capsys.readouterr().err
+    documents = set(read_plan_record(tmp_path / "lift.json").documents)
+    assert documents == {"lift.html", "lift_plan.dxf", "lift_elevation.dxf"}
+
+
+def test_a_plan_that_nobody_signed_is_replaced_with_all_its_documents(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(report_page, "BROWSERS", ("no such browser",))
+    undecided = Judgement(small(), [Check("Nobody entered it.", None)])
+    source = PlanSource.of(PlanOptions("open_yard"), "open_yard")
+    lift_report.write_pages(undecided, tmp_path, "", source)
+    # What lies beside the plan and is none of its documents stays, whatever its record says.
+    (tmp_path / "notes.pdf").write_text("mine")
+    record = read_plan_record(tmp_path / "lift.json")
+    with_notes = replace(record, documents={**record.documents, "notes.pdf": "0" * 64})
+    write_plan_record(tmp_path / "lift.json", with_notes)
+
+    def no_dxf(*args: object) -> None:
+        raise NoDxf("It is not installed.")
+
+    monkeypatch.setattr("cranedyn.lifts.judging.plan_writing.write_drawings", no_dxf)
+    lift_report.write_pages(undecided, tmp_path, "", source)
     assert list(read_plan_record(tmp_path / "lift.json").documents) == ["lift.html"]
+    assert sorted(path.name for path in tmp_path.iterdir() if path.suffix != ".lock") == [
+        "lift.html",
+        "lift.json",
+        "notes.pdf",
+    ]
 
 
 def test_what_does_not_hold_is_no_go_and_comes_first(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -22,6 +22,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
     title_block,
 )
 from cranedyn.lifts.planning.plan_details import PlanDetails
+from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import Site
 
 _SKETCH_HEIGHT = 150.0
@@ -87,15 +88,16 @@ def sling_height(details: PlanDetails) -> float | None:
     at a mean distance r from the middle, and no spreader, r / tan β.
     """
     slings = details.slings
-    if slings.angle is None:
+    angle = sling_angle(details)
+    if angle is None:
         return None
     if slings.length is not None:
-        return slings.length * math.cos(slings.angle)
+        return slings.length * math.cos(angle)
     points = np.array(details.load.lifting_points)
-    if len(points) and details.spreader is None and slings.angle > 1e-6:
+    if len(points) and details.spreader is None and angle > 1e-6:
         middle = points[:, :2].mean(axis=0)
         radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).mean())
-        return radius / math.tan(slings.angle)
+        return radius / math.tan(angle)
     return None
 
 
@@ -216,9 +218,10 @@ def _draw_slings(
         canvas.line(middle, upper, at, lower, stroke)
         if details.load.lifting_points:
             canvas.circle(at, lower, 1.2, Stroke(INK, 0.3, fill=INK))
-    if details.slings.angle is not None:
+    angle = sling_angle(details)
+    if angle is not None:
         canvas.line(middle, upper, middle, lower)
-        text = f"β = {math.degrees(details.slings.angle):.0f}°"
+        text = f"β = {math.degrees(angle):.0f}°"
         canvas.text(middle + 1.5, (upper + 2.0 * lower) / 3.0, text, halo=True)
 
 
@@ -264,9 +267,12 @@ def _spreader_text(details: PlanDetails) -> str:
 
 
 def _sling_text(details: PlanDetails) -> str:
-    """Return what was entered of the slings."""
+    """Return what was entered of the slings, and the angle that follows."""
     slings = details.slings
-    angle = NOT_ENTERED if slings.angle is None else f"{math.degrees(slings.angle):.0f}°"
+    known = sling_angle(details)
+    angle = NOT_ENTERED
+    if known is not None:
+        angle = f"{math.degrees(known):.0f}°" + (" (computed)" if slings.angle is None else "")
     number = "number of legs not entered" if slings.number is None else f"{slings.number} legs"
     return (
         f"{slings.type or 'type not entered'}, {number}, angle β from the vertical {angle}, length "

@@ -137,7 +137,10 @@ def _hoisting(scene: LiftScene, index: int, places: np.ndarray) -> str:
     if luffs:
         sentence = f"{verb} {abs(length):.1f} m of rope"
     else:
-        sentence = f"{verb} the load from {heights[0]:.1f} m to {heights[1]:.1f} m above ground"
+        # A short way shows only in centimetres.
+        digits = 1 if abs(heights[1] - heights[0]) > 0.3 else 2
+        way = f"from {heights[0]:.{digits}f} m to {heights[1]:.{digits}f} m"
+        sentence = f"{verb} the load {way} above ground"
     return sentence + _detour(places[:, 2] - places[0, 2], " m of rope", 0.2)
 
 

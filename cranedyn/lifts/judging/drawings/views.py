@@ -37,6 +37,7 @@ from cranedyn.lifts.judging.drawings.swept import (
 )
 from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
+from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
 from cranedyn.lifts.planning.solids import Solid
 
 _EDGE = 2.0
@@ -112,8 +113,16 @@ class LiftScene:
         return float(np.linalg.norm((shape.centre - shape.axis)[:2]))
 
     def hook_height(self, index: int) -> float:
-        """Return the height of the underside of the hook above the ground at a position [m]."""
-        return float(self.shapes[index].hook[:, 2].min()) - self.analysis.site.ground
+        """Return the height of the saddle of the hook above the ground at a position [m]: from the
+        rigging as entered, or that of the hook that the distances are computed with.
+        """
+        ground = self.analysis.site.ground
+        details = self.analysis.site.details
+        rigging = rigging_height(details)
+        if rigging is None:
+            return float(self.shapes[index].hook[:, 2].min()) - ground
+        attached = attachment_height(details, self.clearance.bodies.load)
+        return float(self.positions[index].centre[2]) + attached + rigging - ground
 
     @property
     def highest(self) -> int:
@@ -295,7 +304,7 @@ def _plan_dimensions(scene: LiftScene) -> list[Primitive]:
     """Return radii, or the ways of bridge and trolley, and the least distance."""
     drawn: list[Primitive] = []
     if scene.farthest is not None:
-        told = {0: "pick-up", len(scene.positions) - 1: "set-down"}
+        told = {i: scene.positions[i].name for i in (0, len(scene.positions) - 1)}
         told.setdefault(scene.farthest, "farthest")
         for i, name in sorted(told.items()):
             axis = scene.shapes[i].axis
@@ -623,12 +632,12 @@ def _elevation_dimensions(scene: LiftScene, drawn_before: list[Primitive]) -> li
     told = sorted({0, scene.highest, len(scene.positions) - 1}, key=scene.hook_height)
     for k, i in enumerate(told):
         plane = plane_at(scene, i)
-        along, bottom = plane.flat(scene.shapes[i].hook).min(axis=0).tolist()
+        along = float(plane.flat(scene.shapes[i].hook)[:, 0].min())
         drawn.append(
             Dimension(
                 "dimensions",
                 (along, ground),
-                (along, bottom),
+                (along, ground + scene.hook_height(i)),
                 f"hook +{scene.hook_height(i):.2f} m at {scene.positions[i].number}",
                 offset=-(high[0] + k * spacing - along),
             )
