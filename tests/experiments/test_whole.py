@@ -18,6 +18,7 @@ WHOLE = [
     "b1",
     "factors",
     "gazebo",
+    "hook",
     # The longest; test files of their names test them in parts.
     *(
         pytest.param(name, marks=pytest.mark.long)
@@ -25,7 +26,12 @@ WHOLE = [
     ),
 ]
 
-NEEDED = {"cranes": ("llvmlite", "mujoco"), "factors": ("llvmlite",), "liftoff": ("llvmlite",)}
+NEEDED = {
+    "cranes": ("llvmlite", "mujoco"),
+    "factors": ("llvmlite",),
+    "hook": ("llvmlite",),
+    "liftoff": ("llvmlite",),
+}
 """Modules of extras without which an experiment is skipped."""
 
 pytestmark = pytest.mark.slow
