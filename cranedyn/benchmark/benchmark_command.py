@@ -61,6 +61,10 @@ def _limits(options: argparse.Namespace) -> EntryLimits:
     )
 
 
+_MOST_REASONS = 8
+"""Largest number of reasons that are printed; all are in the file of the result."""
+
+
 # --- list -----------------------------------------------------------------------------------------
 
 
@@ -118,6 +122,8 @@ def _run(options: argparse.Namespace) -> int:
     check_seeds(options.seeds)
     limits = _limits(options)
     file = options.output or Path("out/benchmark", f"{source.name}.json")
+    if options.output is None:
+        file.parent.mkdir(parents=True, exist_ok=True)
     # Before anything is computed, which may take minutes.
     check_writable(file)
     check_opens(source.source, limits)
@@ -147,19 +153,23 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _print_result(result: Result) -> None:
-    """Print the scores of a result, and each reason for which instances failed once."""
+    """Print the scores of a result, and each reason for which instances failed once, with how often
+    it is the reason.
+    """
     found = scores(result, all_tasks())
     print(score_table(found))
     print(f"{result.entry}: {totals(found)} Seeds: {result.seeds}.")
     reasons: dict[str, list[str]] = {}
     for instance in result.instances:
-        if instance.status == "failed" and not instance.metrics:
-            # A run that broke off has no numbers that would show why.
-            name = f"{instance.task} {instance.index}"
+        if instance.status == "failed":
+            name = f"{instance.task}, instance {instance.index}"
             reasons.setdefault(instance.reason, []).append(name)
-    for reason, names in reasons.items():
-        more = f" and {len(names) - 1} more" if len(names) > 1 else ""
-        print(f"{names[0]}{more} broke off: {reason}")
+    often_first = sorted(reasons.items(), key=lambda item: -len(item[1]))
+    for reason, names in often_first[:_MOST_REASONS]:
+        more = f", and {len(names) - 1} more" if len(names) > 1 else ""
+        print(f"{names[0]}{more}: {reason}")
+    if len(often_first) > _MOST_REASONS:
+        print(f"{len(often_first) - _MOST_REASONS} more reasons are in the file.")
 
 
 # --- compare --------------------------------------------------------------------------------------

@@ -126,7 +126,11 @@ class EntryProcess:
             EntryFailed: If there is none.
         """
         numbers = np.concatenate([[reading.t], *reading[1:]])
-        _, content = self._ask(_STEP, numbers.astype("<f8").tobytes())
+        letter, content = self._ask(_STEP, numbers.astype("<f8").tobytes())
+        if letter == _DECLINED:
+            raise EntryFailed(
+                "It declined in the middle of an instance; decline where the controller is made."
+            )
         if len(content) != _DOUBLE * (len(reading.position) + 1):
             # The process checks commands, too, but runs code of the entry.
             raise EntryFailed("Its process answered with what is no command.")

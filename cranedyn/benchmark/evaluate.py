@@ -13,6 +13,7 @@ from cranedyn.benchmark.entry import Declined
 from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess
 from cranedyn.benchmark.sensors import SensorChain
 from cranedyn.benchmark.task import MOVES, CraneTask, Instance, instances
+from cranedyn.command import interrupted
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.dynamics.bodies import point_paths
@@ -140,6 +141,9 @@ def run_instance(
         instance: The instance.
         process: The process of the entry.
         variant: How the run is computed.
+
+    Raises:
+        RunError: If the user interrupts the run.
     """
     task = instance.task
     crane = task.crane(instance.values["payload_factor"])
@@ -154,6 +158,8 @@ def run_instance(
     except EntryFailed as failed:
         failure = str(failed)
     except RunError as error:
+        if interrupted(error):
+            raise  # by the user, who does not wait for the others
         # An entry cannot go on where the model ceases to hold, as the hint of the error proposes.
         failure = str(commands.failure or error).partition('; validity="mark"')[0]
     finally:

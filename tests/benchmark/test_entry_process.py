@@ -50,6 +50,8 @@ def many(briefing):
         if fault == 6:
             while True:
                 pass
+        if fault == 7:
+            raise Declined("Not any more.")
         return np.concatenate([reading.position[:1], reading.swing])
 
     return rates
@@ -97,6 +99,7 @@ def test_a_faulty_entry_fails_in_a_sentence_and_its_process_goes_on_or_is_starte
         2.0: r"shape \(2,\); needed is \(3,\)",
         3.0: "nan",
         4.0: "memory",
+        7.0: "declined in the middle",
     }
     for t, sentence in faults.items():
         with pytest.raises(EntryFailed, match=sentence):

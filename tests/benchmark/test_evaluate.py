@@ -20,6 +20,7 @@ from cranedyn.benchmark.evaluate import (
 )
 from cranedyn.benchmark.sensors import SensorChain, SensorReading
 from cranedyn.benchmark.task import Instance, instances, select_tasks
+from cranedyn.errors import RunError
 from tests.benchmark.toys import InThisProcess, still, towards_goal, toy, toy_instance
 
 
@@ -198,6 +199,17 @@ def test_a_run_that_breaks_off_fails_and_says_where() -> None:
     assert "bridge_joint" in result.reason
     assert "--validity" not in result.reason
     assert result.metrics == {}
+
+
+def test_a_run_that_the_user_interrupts_is_no_failure_of_the_entry() -> None:
+    def interrupts(briefing: Briefing) -> Entry:
+        def rates(reading: SensorReading) -> np.ndarray:
+            raise KeyboardInterrupt
+
+        return rates
+
+    with pytest.raises(RunError, match="Interrupted"):
+        run(toy_instance("move"), interrupts)
 
 
 def test_an_entry_may_decline() -> None:

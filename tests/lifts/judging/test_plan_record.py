@@ -361,6 +361,9 @@ def test_a_signed_plan_is_followed_by_a_revision_and_an_unsigned_one_replaced(
     write_plan_record(tmp_path / "lift-r2.json", second)
     third = next_revision(tmp_path)
     assert (third.number, third.earlier, third.replaced) == (2, signed, second)
+    words = ["sign", str(tmp_path / "lift-r2.json"), "--by", "A. Planner"]
+    assert front.main(words) == 2
+    assert "a lift that is NO GO is not" in capsys.readouterr().err
     (tmp_path / "lift-r2.json").write_text("{")
     with pytest.raises(DataError, match="nothing is written over it"):
         next_revision(tmp_path)
