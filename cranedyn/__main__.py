@@ -566,6 +566,7 @@ def _sign(parser: _Parser) -> None:
 def _run_sign(options: argparse.Namespace) -> int:
     """Note a signature in the record of a plan."""
     from cranedyn.lifts.judging.plan_folder import sign_plan
+    from cranedyn.lifts.planning.site_file import SITE_EXAMPLES
 
     record = sign_plan(options.file, options.by, options.role)
     signature = record.signatures[-1]
@@ -577,8 +578,12 @@ def _run_sign(options: argparse.Namespace) -> int:
         "This is a note of who accepted which digest, and no cryptographic signature: whoever can "
         "change the file can change the note. Write the digest on the paper that you sign."
     )
-    verify = command_line("cranedyn", "verify", options.file.with_suffix(".json"))
-    print(next_lines(verify, "cranedyn run lift_report --help"))
+    words = ["cranedyn", "verify", options.file.with_suffix(".json")]
+    site = record.inputs.options.site
+    # A site file of one's own is looked for beside the plan, and most often lies elsewhere.
+    if site not in SITE_EXAMPLES and not (options.file.parent / site).is_file():
+        words += ["--site", site]
+    print(next_lines(command_line(*words), "cranedyn run lift_report --help"))
     return 0
 
 
