@@ -12,7 +12,13 @@ from cranedyn.lifts.judging.chart import BOOM_TOLERANCE, CUT_OUT, WARNING
 from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
-from cranedyn.lifts.judging.plan_checks import KMH, in_words, wind_text
+from cranedyn.lifts.judging.plan_checks import (
+    KMH,
+    bearing_pressure,
+    in_words,
+    sling_force,
+    wind_text,
+)
 from cranedyn.lifts.judging.plan_tables import (
     positions_table,
     sequence_table,
@@ -76,15 +82,36 @@ def _summary(analysis: LiftAnalysis) -> Table:
         [
             "gust that the lift bears",
             gust,
-            "-" if required.wind is None else wind_text(required.wind),
+            "-" if required.wind is None else f"{wind_text(required.wind)} needed",
         ],
-        ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m"],
+        ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m needed"],
+        ["there are nearest", f"{nearest.body} and {nearest.obstacle}", "-"],
         ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
-        ["their least distance", perturbed_distance(analysis), f"{analysis.site.distance:g} m"],
+        [
+            "their least distance",
+            perturbed_distance(analysis),
+            f"{analysis.site.distance:g} m needed",
+        ],
+        *_details_rows(analysis),
         ["time of the lift", f"{analysis.duration:.0f} s", "-"],
     ]
     note = "Where each of these is from stands in the tables below."
     return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def _details_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return how much is used of a leg of the slings and of the ground, where that is entered."""
+    rows: list[Row] = []
+    leg = sling_force(analysis)
+    if leg is not None:
+        used = f"{100.0 * leg.utilisation:.0f} %"
+        rows.append(["used of a sling's working load", used, "100 %"])
+    pressure = bearing_pressure(analysis)
+    permitted = analysis.site.details.ground.permitted_pressure
+    if pressure is not None and permitted is not None:
+        shown = f"{permitted / 1e3:g} kPa"
+        rows.append(["pressure on the ground", f"{pressure / 1e3:.0f} kPa", shown])
+    return rows
 
 
 def perturbed_distance(analysis: LiftAnalysis) -> str:

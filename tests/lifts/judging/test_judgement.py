@@ -816,10 +816,10 @@ def test_the_first_table_has_the_numbers_that_decide_and_says_what_was_not_judge
     used = 100.0 * made.utilisation.max()
     assert numbers["utilisation of the chart"] == [f"{used:.1f} %", "90 %"]
     # 8 m/s are 28.8 km/h.
-    assert numbers["gust that the lift bears"] == ["8 m/s (29 km/h)", "8 m/s (29 km/h)"]
+    assert numbers["gust that the lift bears"] == ["8 m/s (29 km/h)", "8 m/s (29 km/h) needed"]
 
     # All 400 harmless lifts keep 1 m and more; of others the nearest was measured.
-    assert numbers["their least distance"] == ["1.00 m or more", "0.5 m"]
+    assert numbers["their least distance"] == ["1.00 m or more", "0.5 m needed"]
     near = Perturbed(np.array([1.0, 0.4, math.nan]), 0.5, {}, np.zeros(3))
     nearest = {row[0]: row[1] for row in tables(small(perturbed=near))[0].rows}
     assert nearest["their least distance"] == "0.40 m"
