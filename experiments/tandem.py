@@ -139,7 +139,8 @@ def _compared(lift: TandemLift) -> list[ComparedNumber]:
         compared.append(ComparedNumber(f"share of {name}", pull / weight, share, 1e-5))
 
     still = _standing(lift, START)
-    unstretched = float(still.first.position[0, -1])
+    winch = lift.stations[0].crane.winch
+    unstretched = float(still.first.position[0, winch])
     length = unstretched * (1.0 + 0.5 * BEAM.mass * gravity / ROPE.stiffness)
     moved = LoadPose(np.add(START, (0.0, 0.02, 0.0)), Rotation.from_euler("z", YAW + 0.002))
     run = simulate_tandem(lift, still, start=moved, duration=FREE_SWING, dt=DT)

@@ -16,6 +16,18 @@ DRIVES = frozenset(
 )
 """Names of arrays along whose last axis are drives; alone, with one index, they may be rows."""
 
+OTHER_COORDINATES = frozenset(
+    {
+        # Vectors in the world, or on a base that moves: surge to yaw.
+        "cranedyn/controllers/moving_base.py",
+        "cranedyn/disturbances/base_motion.py",
+        "cranedyn/lifts/judging/drawings/swept.py",
+        # Place and attitude of a load that is a body of its own.
+        "cranedyn/lifts/tandem/simulation.py",
+    }
+)
+"""Files whose arrays of these names are those of no crane's joints."""
+
 STATES = frozenset({"state", "start", "goal", "rest", "here"})
 """Names of states, whose arrays have one axis; those of all else may be rows of which the first and
 the last have numbers."""
@@ -31,13 +43,18 @@ def integer_indices(source: str) -> list[tuple[int, str]]:
 
 
 def everywhere(folders: list[Path], without: Path) -> list[str]:
-    """The same in all modules of folders but one folder, as ``file:line: text``."""
-    files = sorted(
-        path for folder in folders for path in folder.rglob("*.py") if without not in path.parents
-    )
+    """The same in all modules of folders but one folder and `OTHER_COORDINATES`, as ``file:line:
+    text``.
+    """
+    files = []
+    for folder in folders:
+        for path in folder.rglob("*.py"):
+            is_other = path.as_posix().endswith(tuple(OTHER_COORDINATES))
+            if without not in path.parents and not is_other:
+                files.append(path)
     return [
         f"{path}:{line}: {text}"
-        for path in files
+        for path in sorted(files)
         for line, text in integer_indices(path.read_text(encoding="utf-8"))
     ]
 

@@ -21,6 +21,7 @@ from random import Random
 from types import FrameType
 from typing import Any, NamedTuple
 
+import numpy as np
 from llvmlite.binding import ExecutionEngine
 
 from cranedyn.errors import CraneError
@@ -177,7 +178,10 @@ def _limited() -> Iterator[None]:
     handler = signal.signal(signal.SIGINT, signal.default_int_handler)
     interrupt_after(BUDGET)
     try:
-        yield
+        # An interruption within `numpy.linalg` may leave its handling of floating-point errors in
+        # place; every case begins with the usual one.
+        with np.errstate():
+            yield
     finally:
         # Python hears a timer that has gone off already only after it was stopped.
         ended = True
