@@ -10,6 +10,8 @@ import xml.etree.ElementTree as ET
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from types import SimpleNamespace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -27,6 +29,7 @@ from cranedyn.lifts.judging.drawings.sequence import steps_of
 from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
+from cranedyn.lifts.judging.numbered_positions import end_names
 from cranedyn.lifts.judging.report_page import _sheets_or_reason
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
@@ -269,3 +272,28 @@ def test_a_zone_and_a_name_that_is_markup_are_drawn_as_what_they_are() -> None:
     texts = [text.text for text in ET.fromstring(first.svg).iter(f"{SVG}text")]
     assert "<b>shed</b> & co, top +3.0 m" in texts
     assert "street, keep out below 6.0 m" in texts
+
+
+def test_the_hook_is_above_the_load_by_what_the_rigging_says() -> None:
+    """Legs of 3 m at 30° from the vertical put it 3 cos 30° above the top of the load; without
+    slings it is where the distances are computed with a hook.
+    """
+    bare = scene()
+    slings = Slings(number=4, length=3.0, angle=math.radians(30.0))
+    site = replace(small().site, details=PlanDetails(slings=slings))
+    slung = LiftScene.of(replace(small(), site=site))
+    for i, shape in enumerate(slung.shapes):
+        top = float(shape.load[:, 2].max()) - site.ground
+        assert slung.hook_height(i) == pytest.approx(top + 3.0 * math.cos(math.radians(30.0)))
+        assert bare.hook_height(i) == pytest.approx(float(shape.hook[:, 2].min()) - site.ground)
+    texts = [item.text for item in elevation_view(slung).primitives if isinstance(item, Dimension)]
+    assert f"hook +{slung.hook_height(0):.2f} m at 1" in texts
+
+
+def test_the_ends_of_a_lift_are_named_by_whether_the_load_stands_there() -> None:
+    def lift(*phases: str) -> Any:
+        return SimpleNamespace(grounded=SimpleNamespace(lift=SimpleNamespace(phases=phases)))
+
+    assert end_names(small()) == ("pick-up", "set-down")
+    assert end_names(lift("lift-off", "motion", "set-down")) == ("lifted off", "above set-down")
+    assert end_names(lift("motion", "set-down")) == ("pick-up", "above set-down")
