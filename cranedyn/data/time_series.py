@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, UnknownColumn
 
 if TYPE_CHECKING:
     import pandas
@@ -206,3 +206,29 @@ class TimeSeries:
         for name in names:
             values = self[name]
             yield _ColumnRange(name, values[0], values[-1], values.min(), values.max())
+
+
+class ColumnSeries(TimeSeries):
+    """A table whose columns stand beside its times, by name.
+
+    Attributes:
+        values: Columns by name, shape (rows,) each.
+    """
+
+    values: Mapping[str, np.ndarray]
+
+    def keys(self) -> list[str]:
+        """Return the names of the columns."""
+        return ["t_s", *self.values]
+
+    def __getitem__(self, column: str) -> np.ndarray:
+        """Return a column by its name, shape (rows,).
+
+        Raises:
+            UnknownColumn: If there is no such column; it is also a KeyError.
+        """
+        if column == "t_s":
+            return self.t
+        if column not in self.values:
+            raise UnknownColumn("column", column, self.keys())
+        return self.values[column]

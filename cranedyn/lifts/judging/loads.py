@@ -16,12 +16,12 @@ from typing import Any
 import numpy as np
 
 from cranedyn.checks import finite, number
-from cranedyn.data.time_series import TimeSeries
+from cranedyn.data.time_series import ColumnSeries
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.drives import cable_buffers
 from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.dynamics.validity import hoist_force
-from cranedyn.errors import MissingRole, OutOfRange, UnknownColumn
+from cranedyn.errors import MissingRole, OutOfRange
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.wrench import CraneStates, Wrench
 from cranedyn.lifts.planning.boom import boom_of
@@ -39,7 +39,7 @@ _MIN_HORIZONTAL_PART = 1e-9
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Loads(TimeSeries):
+class Loads(ColumnSeries):
     """Loads of a run, one row for each row of the run.
 
     Attributes:
@@ -53,22 +53,6 @@ class Loads(TimeSeries):
     values: Mapping[str, np.ndarray]
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
-
-    def keys(self) -> list[str]:
-        """Return the names of the columns."""
-        return ["t_s", *self.values]
-
-    def __getitem__(self, column: str) -> np.ndarray:
-        """Return a column by its name, shape (rows,).
-
-        Raises:
-            UnknownColumn: If there is no such column; it is also a KeyError.
-        """
-        if column == "t_s":
-            return self.t
-        if column not in self.values:
-            raise UnknownColumn("column", column, self.keys())
-        return self.values[column]
 
     @property
     def principal_keys(self) -> list[str]:

@@ -12,7 +12,6 @@ import itertools
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from cranedyn.lifts.sites.distance_proof import least_distances
 from cranedyn.lifts.sites.placed_capsules import PlacedCapsules, place_crane
@@ -71,8 +70,7 @@ def _structure(run: TandemRun, crane: int) -> PlacedCapsules:
     site = run.lift.site
     station = run.lift.stations[crane]
     index = site.stations.index(station)
-    columns = [f"{joint.symbol}_{joint.unit}" for joint in station.crane.layout.driven]
-    positions = np.stack([run[f"{station.name}_{column}"] for column in columns], axis=1)
+    positions = run.drive_positions(crane)
     q, _ = station.plumb(positions)
     angles = q[:, station.crane.swings]
     ends = place_crane(site.bodies, index, site.positions(index, positions), angles)
@@ -92,10 +90,8 @@ def rope_ends(run: TandemRun, crane: int) -> np.ndarray:
     """Return pivot and lug of the rope of a crane in the frame of the site [m], shape
     (rows, 2, 3).
     """
-    name = run.lift.names[crane]
-    pivot = np.stack([run[f"{name}_pivot_{axis}_m"] for axis in "xyz"], axis=1)
     lug = np.array(run.lift.load.lugs[crane], dtype=float)
-    return np.stack([pivot, load_centres(run) + load_rotations(run).apply(lug)], axis=1)
+    return np.stack([run.pivots(crane), run.centres + run.rotations.apply(lug)], axis=1)
 
 
 def _load(run: TandemRun) -> PlacedCapsules:
@@ -105,8 +101,8 @@ def _load(run: TandemRun) -> PlacedCapsules:
     across = np.delete(size, longest)
     half = np.zeros(3)
     half[longest] = size[longest] / 2.0
-    axis = load_rotations(run).apply(half)
-    centre = load_centres(run)
+    axis = run.rotations.apply(half)
+    centre = run.centres
     ends = np.stack([centre - axis, centre + axis], axis=1)[:, None]
     radius = float(np.linalg.norm(across)) / 2.0
     return PlacedCapsules(ends, np.full((len(run), 1), radius), np.zeros(0))
@@ -117,16 +113,5 @@ def _lowest_corner(run: TandemRun) -> np.ndarray:
     half = np.array(run.lift.load.size, dtype=float) / 2.0
     heights = []
     for signs in itertools.product((-1.0, 1.0), repeat=3):
-        heights.append(load_rotations(run).apply(half * np.array(signs))[:, 2])
+        heights.append(run.rotations.apply(half * np.array(signs))[:, 2])
     return run["load_z_m"] + np.min(heights, axis=0)
-
-
-def load_centres(run: TandemRun) -> np.ndarray:
-    """Return places of the centre of mass [m], shape (rows, 3)."""
-    return np.stack([run[f"load_{axis}_m"] for axis in "xyz"], axis=1)
-
-
-def load_rotations(run: TandemRun) -> Rotation:
-    """Return the rotations of the load, one for each row."""
-    angles = np.stack([run["roll_rad"], run["pitch_rad"], run["yaw_rad"]], axis=1)
-    return Rotation.from_euler("xyz", angles)

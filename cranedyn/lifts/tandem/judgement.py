@@ -58,7 +58,8 @@ def judge_tandem(
     """
     checks = []
     for crane in range(2):
-        checks += [_share_check(run, crane, requirements), _chart_check(run, crane, requirements)]
+        rated = _least_rated(run, crane, requirements)
+        checks += [_share_check(run, crane, rated), _chart_check(run, crane, rated)]
     checks += [_taut_check(run), _inclination_check(run, requirements)]
     checks += _distance_checks(run, requirements)
     if any(not solid.zone for solid in run.lift.site.solids):
@@ -67,8 +68,14 @@ def judge_tandem(
     return checks
 
 
-def _share_check(run: TandemRun, crane: int, requirements: TandemRequirements) -> Check:
-    """Return whether a crane has the additional capacity that the rule asks for."""
+def _share_check(run: TandemRun, crane: int, rated: float | str) -> Check:
+    """Return whether a crane has the additional capacity that the rule asks for.
+
+    Args:
+        run: The run.
+        crane: Index of the crane.
+        rated: What `_least_rated` returns for it.
+    """
     lift = run.lift
     name = lift.names[crane]
     share = float(static_shares(lift.load)[crane]) * lift.load.mass
@@ -76,18 +83,18 @@ def _share_check(run: TandemRun, crane: int, requirements: TandemRequirements) -
     start = (
         f"{name}: its share of {share / 1e3:.3f} t asks for a rated load of {needed / 1e3:.3f} t"
     )
-    rated = _least_rated(run, crane, requirements)
     if isinstance(rated, str):
         return Check(f"{start} ({SOURCE}); {rated}", None)
     return Check(f"{start}, and it has {rated / 1e3:.3f} t ({SOURCE}).", rated >= needed)
 
 
-def _chart_check(run: TandemRun, crane: int, requirements: TandemRequirements) -> Check:
-    """Return whether the pull of a rope keeps within the load chart of its crane."""
+def _chart_check(run: TandemRun, crane: int, rated: float | str) -> Check:
+    """Return whether the pull of a rope keeps within the load chart of its crane, from the same
+    arguments.
+    """
     lift = run.lift
     name = lift.names[crane]
     peak = float(run.tensions[:, crane].max()) / lift.gravity
-    rated = _least_rated(run, crane, requirements)
     start = f"{name}: its rope pulls with {peak / 1e3:.3f} t at most"
     if isinstance(rated, str):
         return Check(f"{start}; {rated}", None)
@@ -99,7 +106,7 @@ def _least_rated(run: TandemRun, crane: int, requirements: TandemRequirements) -
     station = run.lift.stations[crane]
     if station.chart is None:
         return f"no load chart of {station.name} was entered."
-    pivot = np.stack([run[f"{station.name}_pivot_{axis}_m"] for axis in "xy"], axis=1)
+    pivot = run.pivots(crane)[:, :2]
     radius = np.linalg.norm(pivot - np.asarray(station.foot, dtype=float)[:2], axis=1)
     try:
         return float(station.chart.on(requirements.falls).at(radius).min())

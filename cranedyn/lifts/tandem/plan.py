@@ -330,14 +330,14 @@ def _drive_positions(
     """
     positions = []
     guess = None
+    low, high = station.ranges
+    winch = station.crane.winch
     for lug, upwards, pull in zip(lugs, direction, tension, strict=True):
-        guess = _posture(station, lug, upwards, guess)
-        pivot = _pivot(station, guess)
-        distance = float(np.linalg.norm(pivot - lug))
+        posture = _posture(station, lug, upwards, guess)
+        guess = posture.drives
+        distance = float(np.linalg.norm(posture.pivot - lug))
         row = guess.copy()
-        row[station.crane.winch] = distance / (1.0 + float(pull) / rope.stiffness)
-        low, high = station.ranges
-        winch = station.crane.winch
+        row[winch] = distance / (1.0 + float(pull) / rope.stiffness)
         if not low[winch] <= row[winch] <= high[winch]:
             raise CraneError(
                 f"{quoted(station.name)} needs {distance:.2f} m of rope to its lug at "
@@ -347,9 +347,21 @@ def _drive_positions(
     return np.array(positions)
 
 
+class _Posture(NamedTuple):
+    """A crane whose pivot is on the line of its rope.
+
+    Attributes:
+        drives: Positions of the drives, shape (m,).
+        pivot: Place of the pivot in the frame of the site [m], shape (3,).
+    """
+
+    drives: np.ndarray
+    pivot: np.ndarray
+
+
 def _posture(
     station: Station, lug: np.ndarray, upwards: np.ndarray, guess: np.ndarray | None
-) -> np.ndarray:
+) -> _Posture:
     """Return positions of the drives that bring the pivot of a crane onto the line from a lug.
 
     Args:
@@ -374,7 +386,7 @@ def _posture(
         motion = rope.motion[0, chain]
         miss = pivot[:2] - lug[:2] - slope * (pivot[2] - lug[2])
         if np.linalg.norm(miss) < _PIVOT_ERROR:
-            return drives
+            return _Posture(drives, pivot)
         # Newton's method on two coordinates of the pivot; the ranges stop it at the reach.
         jacobian = (motion[:, :2] - motion[:, 2:] * slope).T
         step = np.linalg.lstsq(jacobian, -miss, rcond=None)[0]
@@ -403,12 +415,6 @@ def _nearest_start(station: Station, lug: np.ndarray) -> np.ndarray:
     q, _ = station.plumb(drives)
     pivots = station.rope(q).pivot
     return grid[np.linalg.norm(pivots[:, :2] - lug[:2], axis=1).argmin()]
-
-
-def _pivot(station: Station, drives: np.ndarray) -> np.ndarray:
-    """Return the place of the pivot of a crane in the frame of the site [m], shape (3,)."""
-    q, _ = station.plumb(drives[None])
-    return station.rope(q).pivot[0]
 
 
 def _place(point: np.ndarray) -> str:

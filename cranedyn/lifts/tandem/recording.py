@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from cranedyn.lifts.tandem.clearance import load_centres, load_rotations, rope_ends
+from cranedyn.lifts.tandem.clearance import rope_ends
 from cranedyn.lifts.tandem.simulation import TandemRun
 from cranedyn.recording.postures import MovingBox, MovingLine, PosedCrane, record_postures
 
@@ -29,9 +29,7 @@ def record_tandem(path: str | Path, run: TandemRun, *, title: str = "Tandem lift
     cranes = []
     ropes = []
     for i, station in enumerate(run.lift.stations):
-        columns = [f"{joint.symbol}_{joint.unit}" for joint in station.crane.layout.driven]
-        positions = np.stack([run[f"{station.name}_{column}"] for column in columns], axis=1)
-        q, _ = station.plumb(positions)
+        q, _ = station.plumb(run.drive_positions(i))
         cranes.append(
             PosedCrane(
                 name=station.name,
@@ -44,7 +42,7 @@ def record_tandem(path: str | Path, run: TandemRun, *, title: str = "Tandem lift
         )
         ropes.append(MovingLine(f"rope of {station.name}", rope_ends(run, i)))
     size = np.array(run.lift.load.size, dtype=float)
-    beam = MovingBox("load", size, load_centres(run), load_rotations(run))
+    beam = MovingBox("load", size, run.centres, run.rotations)
     tensions = {name: run[f"{name}_tension_N"] for name in run.lift.names}
     angles = {name: np.degrees(run[f"{name}_rad"]) for name in ("roll", "pitch")}
     return record_postures(

@@ -11,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,8 +20,8 @@ from scipy.spatial.transform import Rotation
 
 from cranedyn.checks import finite, number
 from cranedyn.clocks import clocks
-from cranedyn.data.time_series import TimeSeries
-from cranedyn.errors import OutOfRange, RunError, UnknownColumn
+from cranedyn.data.time_series import ColumnSeries
+from cranedyn.errors import OutOfRange, RunError
 from cranedyn.lifts.tandem.drives import TandemDrives
 from cranedyn.lifts.tandem.load import RopeForce
 from cranedyn.lifts.tandem.plan import TandemLift, TandemPlan
@@ -45,7 +46,7 @@ class LoadPose(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class TandemRun(TimeSeries):
+class TandemRun(ColumnSeries):
     """A simulated tandem lift, one row for each period.
 
     Columns: `load_x_m`, `load_y_m`, `load_z_m` of the centre of mass in the frame of the site;
@@ -71,22 +72,6 @@ class TandemRun(TimeSeries):
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
 
-    def keys(self) -> list[str]:
-        """Return the names of the columns."""
-        return ["t_s", *self.values]
-
-    def __getitem__(self, column: str) -> np.ndarray:
-        """Return a column by its name, shape (rows,).
-
-        Raises:
-            UnknownColumn: If there is no such column; it is also a KeyError.
-        """
-        if column == "t_s":
-            return self.t
-        if column not in self.values:
-            raise UnknownColumn("column", column, self.keys())
-        return self.values[column]
-
     @property
     def principal_keys(self) -> list[str]:
         """Names of the columns that a figure shows by default: tensions and rotations."""
@@ -97,6 +82,33 @@ class TandemRun(TimeSeries):
     def tensions(self) -> np.ndarray:
         """Tensions of both ropes [N], shape (rows, 2)."""
         return np.stack([self[f"{name}_tension_N"] for name in self.lift.names], axis=1)
+
+    @property
+    def centres(self) -> np.ndarray:
+        """Places of the centre of mass in the frame of the site [m], shape (rows, 3)."""
+        return self._points("load")
+
+    @cached_property
+    def rotations(self) -> Rotation:
+        """Rotations from the axes of the load to those of the site, one for each row."""
+        angles = np.stack([self["roll_rad"], self["pitch_rad"], self["yaw_rad"]], axis=1)
+        return Rotation.from_euler("xyz", angles)
+
+    def pivots(self, crane: int) -> np.ndarray:
+        """Return the places of the pivot of a crane in the frame of the site [m], shape
+        (rows, 3).
+        """
+        return self._points(f"{self.lift.names[crane]}_pivot")
+
+    def drive_positions(self, crane: int) -> np.ndarray:
+        """Return the positions of the drives of a crane, shape (rows, m)."""
+        station = self.lift.stations[crane]
+        columns = [f"{joint.symbol}_{joint.unit}" for joint in station.crane.layout.driven]
+        return np.stack([self[f"{station.name}_{column}"] for column in columns], axis=1)
+
+    def _points(self, name: str) -> np.ndarray:
+        """Return the points whose three columns begin with a name [m], shape (rows, 3)."""
+        return np.stack([self[f"{name}_{axis}_m"] for axis in "xyz"], axis=1)
 
     @property
     def largest_shares(self) -> np.ndarray:
