@@ -343,9 +343,7 @@ def _heave_of_load(crane: Crane, base: BaseMotion, run: Trajectory) -> float:
 
 def points_in_world(crane: Crane, base: BaseMotion, run: Trajectory) -> np.ndarray:
     """Return the points of a crane in the world [m], shape (rows, points, 3)."""
-    frames = base.frames(run.t)
-    on_base = point_paths(crane, run.q)
-    return np.einsum("kij,kpj->kpi", frames.rotation, on_base) + frames.origin[:, None]
+    return base.frames(run.t).points_in_world(point_paths(crane, run.q))
 
 
 # --- control of the swing -------------------------------------------------------------------------

@@ -205,17 +205,10 @@ def _start(instance: Instance, crane: Crane) -> State:
     of the instance.
     """
     planned = instance.task.start_state()
-    q = _longer(instance, crane, planned.q)
+    q = planned.q.copy()
+    q[crane.layout.drives] += instance.drive_offset(crane)
     q[crane.swings] += instance.values["start_swing"] * np.array(instance.swing_signs)
     return State(q, planned.v.copy())
-
-
-def _longer(instance: Instance, crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return a copy of coordinates with the rope as much longer as it is than measured."""
-    q = q.copy()
-    if crane.winch is not None:
-        q[crane.layout.drives[crane.winch]] += instance.values["rope_offset"]
-    return q
 
 
 def _disturbance(instance: Instance, crane: Crane) -> Disturbance | None:
@@ -261,7 +254,7 @@ def measured(instance: Instance, crane: Crane, run: Trajectory) -> dict[str, flo
     if task.kind == "operator":
         drives = crane.layout.drives
         intended = task.start_state().q[drives] + operator_travel(task)
-        reached = run.q[-1, drives] - _longer(instance, crane, np.zeros(crane.layout.n))[drives]
+        reached = run.q[-1, drives] - instance.drive_offset(crane)
         metrics["stray"] = float(np.abs(reached - intended).max())
     return metrics
 
@@ -294,7 +287,7 @@ def _target(instance: Instance, crane: Crane, run: Trajectory) -> np.ndarray:
             goal = task.goal_state() if task.kind in MOVES else task.start_state()
             assert goal is not None
             places = goal.q[None, drives]
-        places = places + _longer(instance, crane, np.zeros(crane.layout.n))[drives]
+        places = places + instance.drive_offset(crane)
     q = np.tile(task.start_state().q, (len(places), 1))
     q[:, drives] = places
     q[:, crane.swings] = crane.rest.angle + places @ crane.rest.slope.T

@@ -68,9 +68,7 @@ class SensorChain:
             ]
         )
         # The drum does not know of a rope that is longer than assumed.
-        self._zero = np.zeros(layout.m)
-        if crane.winch is not None:
-            self._zero[crane.winch] = -values["rope_offset"]
+        self._zero = -instance.drive_offset(crane)
         self._bias = values["swing_bias"]
         delay = task.sensors.delay + round(values["more_delay"])
         self._readings: deque[SensorReading] = deque(maxlen=delay + 1)

@@ -11,7 +11,7 @@ import hashlib
 import json
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property, lru_cache, partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -199,14 +199,7 @@ class CraneTask:
     def converters(self, lag_factor: float = 1.0) -> Converters:
         """Return the frequency converters of the drives, with their lags times a factor."""
         typical = converters(self.crane(), delay=self.drive_delay, **self.drives)
-        return Converters(
-            rates=typical.rates,
-            accelerations=typical.accelerations,
-            jerks=typical.jerks,
-            lags=lag_factor * typical.lags,
-            resolutions=typical.resolutions,
-            delay=typical.delay,
-        )
+        return replace(typical, lags=lag_factor * typical.lags)
 
     def start_state(self) -> State:
         """Return the state at the start, as an entry is told: at rest, the load plumb."""
@@ -267,11 +260,9 @@ def _loaded(source: str, payload_factor: float) -> Crane:
     arguments, values = json.loads(source)
     if "urdf" in arguments:
         arguments["urdf"] = XACRO.with_name(f"{arguments['urdf']}.urdf.xacro")
-    crane = load_crane(**arguments, **values)
-    if payload_factor == 1.0:
-        return crane
-    heavier = {**values, "payload_mass": payload_factor * crane.payload_mass}
-    return load_crane(**arguments, **heavier)
+    if payload_factor != 1.0:
+        values["payload_mass"] = payload_factor * _loaded(source, 1.0).payload_mass
+    return load_crane(**arguments, **values)
 
 
 @dataclass(frozen=True)
@@ -294,10 +285,14 @@ class Instance:
     swing_signs: tuple[float, ...]
     noise_seed: int
 
-    @property
-    def name(self) -> str:
-        """Name of the instance, such as "overhead/move 2"."""
-        return f"{self.task.name} {self.index}"
+    def drive_offset(self, crane: Crane) -> np.ndarray:
+        """Return where drives are less what their sensors say, shape (m,): the rope is longer than
+        its drum knows.
+        """
+        offset = np.zeros(crane.layout.m)
+        if crane.winch is not None:
+            offset[crane.winch] = self.values["rope_offset"]
+        return offset
 
 
 def instances(task: CraneTask, seeds: str = PUBLIC) -> list[Instance]:

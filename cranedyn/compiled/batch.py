@@ -339,14 +339,12 @@ def _check_together(
     force_interval: int,
     base: BaseMotion | Sequence[BaseMotion] | None,
 ) -> None:
-    """Check arguments of `simulate_batch` that are choices, or must fit each other.
+    """Check arguments of `simulate_batch` that must fit each other.
 
     Raises:
         OutOfRange: If they do not.
         CraneError: If the device is "cuda" and there is no GPU.
     """
-    check_choice("drive", drive, Drive)
-    check_choice("device", device, Device)
     if device == "cuda":
         if threads is not None:
             raise OutOfRange("threads", threads, "None on a GPU, where each crane has one")

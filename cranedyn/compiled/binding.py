@@ -413,7 +413,7 @@ class BoundKernel:
             workspace: Path and memory of optimisations for several lanes, of which each call of
                 `run_groups` has a copy; for one lane they stand in the memory of the controller.
             root: Motion of the base, a row for each half physics step from the control instant 0
-                on, see `BufferLayout.root`; None for a base at rest.
+                on, see `cranedyn.dynamics.root_motion.RootMotion`; None for a base at rest.
             root_starts: First row of each lane's part of it, whole numbers; None where all lanes
                 stand on one base.
 

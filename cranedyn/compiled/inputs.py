@@ -490,7 +490,7 @@ def root_table(
     used: int,
 ) -> RowTable | None:
     """Return the motion of the bases of all cranes, a row for each half physics step, see
-    `BufferLayout.root`; None for a base at rest, which is given as None.
+    `cranedyn.dynamics.root_motion.RootMotion`; None for a base at rest, which is given as None.
 
     Args:
         base: Motion of the base, one for all cranes or one for each.

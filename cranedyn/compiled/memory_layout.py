@@ -142,11 +142,6 @@ class BufferLayout:
         return {"force": 3 * self.points}
 
     @cached_property
-    def root(self) -> Sections:
-        """Row of the motion of the base, of which there are two in each physics step."""
-        return {"root": ROOT_NUMBERS}
-
-    @cached_property
     def offset(self) -> Sections:
         """Row of offsets that sensors add to coordinates and rates."""
         return {"reading": self.z}

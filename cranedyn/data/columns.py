@@ -35,6 +35,10 @@ BASE_COLUMNS = (
 )
 """Columns of the coordinates of a base that moves, see `cranedyn.disturbances.base_motion`."""
 
+LOADS_COLUMN = "W_loads_J"
+"""Column of the energy that attached loads have brought until then, less what released ones and
+impacts have taken [J], see `cranedyn.simulation.stages`."""
+
 _PATTERNS = {
     "v": re.compile(r"(?P<symbol>.+)_dot_(?P<unit>rad|m)_s"),
     "setpoint": re.compile(r"(?P<symbol>.+)_setpoint_(rad|m)"),
@@ -82,7 +86,7 @@ def trajectory_columns(
     if base:
         outside.append("W_base_J")
     if loads:
-        outside.append("W_loads_J")
+        outside.append(LOADS_COLUMN)
     columns = {
         "t": ("t_s",),
         "q": tuple(f"{symbol}_{unit}" for symbol, unit in units.items()),
@@ -146,7 +150,7 @@ def columns_by_quantity(names: Sequence[str], path: str | Path) -> dict[str, tup
         units["force"],
         rope="phase" in names,
         base=any(name in names for name in BASE_COLUMNS),
-        loads="W_loads_J" in names,
+        loads=LOADS_COLUMN in names,
     )
     missing = [
         name for name in itertools.chain.from_iterable(columns.values()) if name not in names

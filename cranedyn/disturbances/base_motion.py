@@ -84,6 +84,14 @@ class BaseFrames(NamedTuple):
     omega: np.ndarray
     alpha: np.ndarray
 
+    def points_in_world(self, points: np.ndarray) -> np.ndarray:
+        """Return points on the base in the world [m], shape (k, points, 3).
+
+        Args:
+            points: The points in the frame of the base at each time [m], shape (k, points, 3).
+        """
+        return np.einsum("kij,kpj->kpi", self.rotation, points) + self.origin[:, None]
+
     def root_numbers(self, gravity: np.ndarray) -> np.ndarray:
         """Return what a crane on the base feels, shape (k, 9), in the order of
         `cranedyn.dynamics.root_motion.RootMotion`.
@@ -459,15 +467,33 @@ def _columns_of_coordinates(names: Sequence[str], path: str | Path) -> dict[str,
         scales = {f"{name}_{unit}": 1.0, f"base_{name}_{unit}": 1.0}
         if unit == "rad":
             scales[f"{name}_deg"] = math.pi / 180.0
-        present = [column for column in scales if column in names]
-        if len(present) > 1:
-            both = " and ".join(present)
-            raise DataError(f"{path} has two columns of {name}, {both}; leave one of them out.")
-        if present:
-            found[name] = (present[0], scales[present[0]])
+        column = only_column(name, list(scales), names, path)
+        if column is not None:
+            found[name] = (column, scales[column])
     if not found:
         raise DataError(
             f"{path} has no column of a motion of the base; it needs t_s and one of surge_m, "
             "sway_m, heave_m, roll_rad, roll_deg, pitch_rad, pitch_deg, yaw_rad, yaw_deg."
         )
     return found
+
+
+def only_column(
+    name: str, columns: Sequence[str], names: Sequence[str], path: str | Path
+) -> str | None:
+    """Return the one column of a file that holds a coordinate; None if there is none.
+
+    Args:
+        name: The coordinate.
+        columns: The columns that may hold it.
+        names: Columns of the file.
+        path: The file, for the message.
+
+    Raises:
+        DataError: If there are two.
+    """
+    present = [column for column in columns if column in names]
+    if len(present) > 1:
+        both = " and ".join(present)
+        raise DataError(f"{path} has two columns of {name}, {both}; leave one of them out.")
+    return present[0] if present else None

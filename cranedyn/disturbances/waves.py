@@ -27,7 +27,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.checks import finite, number, whole, within
-from cranedyn.disturbances.base_motion import COORDINATES, UNITS, BaseMotion, Harmonics
+from cranedyn.disturbances.base_motion import COORDINATES, UNITS, BaseMotion, Harmonics, only_column
 from cranedyn.errors import DataError, OutOfRange
 
 _WIDTH_BELOW = 0.07
@@ -320,19 +320,16 @@ def _response_columns(names: Sequence[str], path: str | Path) -> dict[str, tuple
         scales = {f"{name}_{unit}_m": 1.0}
         if unit == "rad":
             scales[f"{name}_deg_m"] = math.pi / 180.0
-        present = [column for column in scales if column in names]
-        if len(present) > 1:
-            both = " and ".join(present)
-            raise DataError(f"{path} has two columns of {name}, {both}; leave one of them out.")
-        if not present:
+        column = only_column(name, list(scales), names, path)
+        if column is None:
             continue
         phase = f"{name}_phase_deg"
         if phase not in names:
             raise DataError(
-                f"{path} has {present[0]} but no {phase}, the phase by which {name} leads the "
+                f"{path} has {column} but no {phase}, the phase by which {name} leads the "
                 "wave; give it."
             )
-        found[name] = (present[0], phase, scales[present[0]])
+        found[name] = (column, phase, scales[column])
     if not found:
         raise DataError(
             f"{path} has no response of a ship; it needs columns such as heave_m_m with "

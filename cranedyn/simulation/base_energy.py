@@ -18,6 +18,8 @@ ledger, it has an error of the order of the squared control period.
 
 from __future__ import annotations
 
+from functools import cached_property
+
 import numpy as np
 import pinocchio as pin
 
@@ -78,7 +80,7 @@ class RowsOnBase:
         """
         if len(self._t) < 2:
             return np.zeros(len(self._t))
-        steps = np.diff(self._point_positions(), axis=0)
+        steps = np.diff(self._points, axis=0)
         middle = 0.5 * (self._t[:-1] + self._t[1:])
         at_row = self._base.frames(self._t[:-1]).rotation
         at_middle = self._base.frames(middle).rotation
@@ -94,7 +96,7 @@ class RowsOnBase:
         momentum, angular_momentum, centre = self._momenta()
         weight = self._data.mass[0] * self._model.gravity.linear
         outside_force = self._force.sum(axis=1)
-        points = self._point_positions()
+        points = self._points
         outside_torque = np.cross(_means(points), self._force[:-1]).sum(axis=1)
         weight_torque = np.cross(_means(centre), weight)
 
@@ -140,13 +142,13 @@ class RowsOnBase:
         velocity = frames.rotation[row].T @ frames.velocity[row]
         return np.concatenate([velocity, frames.omega[row], self._v[row]])
 
-    def _point_positions(self) -> np.ndarray:
-        """Return the points of the crane in the world at the times of the rates [m], shape (rows,
-        points, 3).
+    @cached_property
+    def _points(self) -> np.ndarray:
+        """Points of the crane in the world at the times of the rates [m], shape (rows, points,
+        3).
         """
         relative = point_paths(self._spec.crane, self._synchronous_q)
-        frames = self._frames_of_rates
-        return np.einsum("kij,kpj->kpi", frames.rotation, relative) + frames.origin[:, None]
+        return self._frames_of_rates.points_in_world(relative)
 
 
 def _means(values: np.ndarray) -> np.ndarray:

@@ -242,13 +242,19 @@ class Log:
         self._mark(slice(self._judged_rows, self._rows))
         if not (self.valid[rows] == 1.0).all():
             record = {**record, "not_valid": self._first_invalidity()}
-        ledger = self.energy_ledger() if self.ledger is None else self.ledger
-        outside = [self.force_work(), self.contact_work[rows]]
+        on_base = None
+        if self.spec.base is not None:
+            on_base = RowsOnBase(
+                self.spec, self.t[rows], self.q[rows], self.v[rows], self.force[rows]
+            )
+        ledger = self.energy_ledger(on_base) if self.ledger is None else self.ledger
+        outside = [self.force_work(on_base), self.contact_work[rows]]
         if self.spec.rope_may_go_slack:
             outside.append(self.impact_work[rows])
         base = None
-        if self.spec.base is not None:
-            outside.append(self._on_base().base_work())
+        if on_base is not None:
+            assert self.spec.base is not None
+            outside.append(on_base.base_work())
             base = self.spec.base.at(self.t[rows]).position
         return Trajectory(
             t=self.t[rows],
@@ -272,8 +278,10 @@ class Log:
             record=record,
         )
 
-    def energy_ledger(self) -> EnergyLedger:
-        """Return the energy ledger of the rows so far."""
+    def energy_ledger(self, on_base: RowsOnBase | None) -> EnergyLedger:
+        """Return the energy ledger of the rows so far; they are given once more for a crane on a
+        base that moves.
+        """
         spec = self.spec
         crane = spec.crane
         joint_forces = JointForces.of(crane)
@@ -282,8 +290,8 @@ class Log:
         effort = self.effort[: self._rows]
         effort_before = self.effort_before[: self._rows]
 
-        if spec.base is not None:
-            energy = self._on_base().energy()
+        if on_base is not None:
+            energy = on_base.energy()
         else:
             energy = np.zeros(self._rows)
             for row in range(self._rows):
@@ -306,13 +314,15 @@ class Log:
             dissipated=_sum_from_zero(mean_power * spec.clocks.period, self._rows),
         )
 
-    def force_work(self) -> np.ndarray:
-        """Return the work of the external forces since the start at each row so far [J]."""
+    def force_work(self, on_base: RowsOnBase | None) -> np.ndarray:
+        """Return the work of the external forces since the start at each row so far [J]; the rows
+        are given once more for a crane on a base that moves.
+        """
         force = self.force[: self._rows]
         if not self.spec.has_forces or not force.any():
             return np.zeros(self._rows)
-        if self.spec.base is not None:
-            return self._on_base().force_work()
+        if on_base is not None:
+            return on_base.force_work()
         positions = point_paths(self.spec.crane, self._synchronous_coordinates())
         point_steps = np.diff(positions.reshape(self._rows, -1), axis=0)
         return _sum_from_zero((force[:-1] * point_steps).sum(axis=1), self._rows)
@@ -332,12 +342,6 @@ class Log:
 
             phase = ground_phases(self.spec.crane, self.spec.contacts, q, v, phase)
         return phase
-
-    def _on_base(self) -> RowsOnBase:
-        """Return the rows so far of a crane on a moving base, for its energy."""
-        rows = slice(self._rows)
-        spec = self.spec
-        return RowsOnBase(spec, self.t[rows], self.q[rows], self.v[rows], self.force[rows])
 
     def _synchronous_coordinates(self) -> np.ndarray:
         """Return the coordinates at the times to which the rates belong, shape (rows, n).

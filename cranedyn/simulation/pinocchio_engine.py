@@ -185,11 +185,23 @@ class DrivenCrane:
 
     def _steps(self, q: np.ndarray, v: np.ndarray, steps: int) -> tuple[np.ndarray, np.ndarray]:
         """Return q and v, shape (n,) each, after a number of physics steps."""
+        return self._advanced(q, v, self._integrator, self._dt, 1.0, steps)
+
+    def _advanced(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        integrator: Integrator,
+        dt: float | np.ndarray,
+        span: float,
+        steps: int,
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return q and v, shape (n,) each, after steps of `dt` [s], each a share `span` of a
+        physics step.
+        """
         if self._base is not None:
-            return self._steps_on_base(q, v, self._integrator, 1.0, steps)
-        return self._integrator.advance(
-            self._drives.acceleration, self._drives.model, q, v, self._dt, steps
-        )
+            return self._steps_on_base(q, v, integrator, span, steps)
+        return integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, steps)
 
     def _steps_on_base(
         self, q: np.ndarray, v: np.ndarray, integrator: Integrator, span: float, steps: int
@@ -284,10 +296,7 @@ class DrivenCrane:
         """
         assert self._external is not None
         v_before = v
-        if self._base is not None:
-            q, v = self._steps_on_base(q, v, integrator, dt / self._clocks.dt, 1)
-        else:
-            q, v = integrator.advance(self._drives.acceleration, self._drives.model, q, v, dt, 1)
+        q, v = self._advanced(q, v, integrator, dt, dt / self._clocks.dt, 1)
         displacement = 0.5 * dt * (v_before + v)
         driven_displacement = displacement[self._spec.crane.layout.drives]
         self._buffer_work += float(self._external.stop_effort @ driven_displacement)

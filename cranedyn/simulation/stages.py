@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.equations_of_motion import energy
 from cranedyn.errors import CraneError, DataError, Misshapen, OutOfRange, RunError
@@ -38,9 +39,6 @@ from cranedyn.simulation.simulate import simulate
 
 if TYPE_CHECKING:
     from cranedyn.dynamics.contact import Ground
-
-LOADS_COLUMN = "W_loads_J"
-"""Column of the energy that loads have brought until then, less what impacts have taken [J]."""
 
 
 @dataclass(frozen=True)

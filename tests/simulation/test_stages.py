@@ -10,6 +10,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers.hold import hold_controller, zero_command
+from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import read
 from cranedyn.dynamics.contact import ON_GROUND, Ground, Platform, box_corners, box_load, standing
 from cranedyn.dynamics.equations_of_motion import payload_position, point_velocities
@@ -19,7 +20,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
-from cranedyn.simulation.stages import LOADS_COLUMN, LoadStage, change_load, simulate_stages
+from cranedyn.simulation.stages import LoadStage, change_load, simulate_stages
 from experiments.scenarios.crane_variants import POINT
 
 HOOK = 100.0

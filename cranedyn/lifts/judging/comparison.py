@@ -75,7 +75,7 @@ class Place:
         changes: dict[str, Any] = {"foot": np.array([self.x, self.y, site.foot[2]])}
         entered = {"[crane] position"}
         if self.heading is not None:
-            is_tower = site.description is None or site.description.is_tower
+            is_tower = site.is_tower
             angle = math.radians(self.heading)
             changes["heading"] = angle if is_tower else CRANE_HEADING + angle
             entered.add("[crane] heading" if is_tower else "[crane] yaw")

@@ -17,7 +17,6 @@ from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.plan_assumptions import (
     EARTH_GRAVITY,
-    described_as_tower,
     rates_text,
 )
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
@@ -106,7 +105,7 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
     compared as its description draws it.
     """
     clearance = analysis.certificate.lift.clearance
-    if not isinstance(clearance, TowerClearance) or not described_as_tower(analysis.site):
+    if not isinstance(clearance, TowerClearance) or not analysis.site.is_tower:
         return Check(
             "Every part of the crane that moves is compared as its description draws it: "
             f"{', '.join(clearance.parts.moving)}.",
@@ -223,7 +222,7 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     if site.base is None:
         missing.append("[base]")
     # The description of another crane has the masses of its boom and counterweight.
-    is_tower = described_as_tower(analysis.site)
+    is_tower = analysis.site.is_tower
     if is_tower and not any(arm.centre >= 0.0 for arm in site.arms):
         missing.append("[jib]")
     if is_tower and not any(arm.centre <= 0.0 for arm in site.arms):

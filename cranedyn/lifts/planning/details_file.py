@@ -4,9 +4,10 @@ papers of the crane, rigging, ground, limits (docs/howto/plan_lift.md).
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, get_args
 
 from cranedyn.errors import UnknownName
 from cranedyn.lifts.planning.plan_details import (
@@ -24,25 +25,25 @@ from cranedyn.lifts.planning.plan_details import (
 )
 from cranedyn.lifts.planning.site_table import POINT_RANGE, FieldLines, SiteTable
 
-SLING_TYPES: tuple[SlingType, ...] = ("chain", "wire rope", "webbing", "round")
+SLING_TYPES: tuple[SlingType, ...] = get_args(SlingType)
 """What slings may be made of."""
 
-JOB_FIELDS = ("site", "client", "number", "title", "date", "revision")
+
+def _fields_of(kind: type) -> tuple[str, ...]:
+    """Return the names of the fields of a dataclass, which are those of its table in the file."""
+    return tuple(field.name for field in dataclasses.fields(kind))
+
+
+JOB_FIELDS = _fields_of(Job)
 """Fields of [job]."""
 
-PEOPLE_FIELDS = (
-    *("prepared", "approved", "appointed", "supervisor", "operator", "slinger", "signaller"),
-    "communication",
-)
+PEOPLE_FIELDS = _fields_of(People)
 """Fields of [people]."""
 
-CRANE_FIELDS = (
-    *("maker", "type", "serial", "configuration", "jib_length", "counter_ballast"),
-    *("height_under_hook", "chart_page", "chart_date", "wind_limit", "wind_measured"),
-)
+CRANE_FIELDS = _fields_of(CraneDocuments)
 """Fields of [crane] that are its papers."""
 
-LOAD_FIELDS = ("source", "centre", "lifting_points", "area", "drag")
+LOAD_FIELDS = _fields_of(LoadDetails)
 """Fields of [load] beside its size and its mass."""
 
 RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls")
@@ -57,7 +58,7 @@ SPREADER_FIELDS = ("mass", "name", "height", "limit")
 GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat", "north")
 """Fields of [ground] beside its height."""
 
-LIMIT_FIELDS = ("chart_share", "wind", "over_people", "over_services", "blind")
+LIMIT_FIELDS = _fields_of(SiteLimits)
 """Fields of [limits]."""
 
 SAFETY_FIELDS = ("exclusion", "contingency")

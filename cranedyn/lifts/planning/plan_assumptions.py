@@ -101,16 +101,9 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
         size = f"{sides} m"
         origin = Origin.ENTERED
     yield Assumption("size of the load", size, origin, "[load] size")
-    along = "along the jib" if described_as_tower(site) else "as it is at the start"
+    along = "along the jib" if site.is_tower else "as it is at the start"
     attitude = f"held {along}, such as by tag lines; it does not turn about the rope"
     yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
-
-
-def described_as_tower(site: Site) -> bool:
-    """Return whether a site lifts by the tower crane of this project, to which `[crane]` names no
-    other one.
-    """
-    return site.description is None or site.description.is_tower
 
 
 def rates_text(crane: Crane, rates: Sequence[float]) -> str:

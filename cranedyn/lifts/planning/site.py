@@ -350,6 +350,11 @@ class Site(ShortRepr):
                 )
 
     @property
+    def is_tower(self) -> bool:
+        """Whether the site lifts by the tower crane of this project: [crane] names no other one."""
+        return self.description is None or self.description.is_tower
+
+    @property
     def crane_to_site(self) -> np.ndarray:
         """Rotation matrix from the axes of the crane to those of the site, shape (3, 3)."""
         return crane_to_site(self.heading)

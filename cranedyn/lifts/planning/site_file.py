@@ -348,7 +348,7 @@ def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:
         DataError: If a value cannot be meant.
     """
     reach = None  # of another crane the plan knows it
-    if site.description is None or site.description.is_tower:
+    if site.is_tower:
         defaults = arguments()
         smallest_radius = float(site.crane.get("trolley_min", defaults["trolley_min"].default))
         largest_radius = float(site.crane.get("trolley_max", defaults["trolley_max"].default))
