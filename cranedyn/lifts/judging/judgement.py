@@ -24,6 +24,7 @@ from cranedyn.lifts.judging.analysis import (
 )
 from cranedyn.lifts.judging.chart import Chart, NotCovered, utilisation
 from cranedyn.lifts.judging.chart_setup import setup_gap
+from cranedyn.lifts.judging.drawings import LiftScene
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
@@ -94,6 +95,11 @@ class Judgement:
         """Figures of the lift by name, each with a caption."""
         return figures(self.analysis)
 
+    @cached_property
+    def scene(self) -> LiftScene:
+        """What the drawings of the lift show."""
+        return LiftScene.of(self.analysis)
+
     def tables(self, command: str = "") -> list[Table]:
         """Return the tables of the lift, whose notes name the command that makes them again."""
         return tables(self.analysis, command)
@@ -113,7 +119,7 @@ class Judgement:
         """
         figures = [*self.figures.values()]
         return report_page.lift_html(
-            self.analysis, self.checks, self.tables(command), figures, command, plan
+            self.scene, self.checks, self.tables(command), figures, command, plan
         )
 
     def report(self, path: str | Path, command: str = "") -> Path:

@@ -15,7 +15,6 @@ from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.plan_checks import (
     KMH,
     bearing_pressure,
-    in_words,
     sling_force,
     wind_text,
 )
@@ -29,7 +28,7 @@ from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
-from cranedyn.lifts.planning.plan_assumptions import winch_of
+from cranedyn.lifts.planning.plan_assumptions import in_words, winch_of
 
 CREEP_SHARE = 0.1
 """Creep speed of a hoist over its largest speed. No standard names it; this is an assumption."""

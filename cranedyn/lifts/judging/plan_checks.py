@@ -10,7 +10,7 @@ plan adds".
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -19,6 +19,7 @@ import numpy as np
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.rigging import (
     attachment_height,
     counted_legs,
@@ -52,21 +53,22 @@ def plan_checks(analysis: LiftAnalysis) -> list[Check]:
     return checks
 
 
-def not_checked(analysis: LiftAnalysis) -> list[str]:
-    """Return what is not checked because nobody entered anything of it, in sentences."""
+def not_checked(analysis: LiftAnalysis, checks: Sequence[Check]) -> list[str]:
+    """Return what is not checked because nobody entered anything of it, in sentences.
+
+    Args:
+        analysis: The lift.
+        checks: All checks that were made, those of `plan_checks` among them.
+    """
+    made = {check.name for check in checks}
     on_rails = LoadJoints.of(analysis.crane).travel is not None
     sentences = []
     for function, sentence in PLAN_CHECKS.items():
         # A crane on rails has wheel loads in the place of a pressure on the ground.
         applies = bool(sentence) and not (function is ground_bears and on_rails)
-        if applies and function(analysis) is None:
+        if applies and function.__name__ not in made:
             sentences.append(sentence)
     return sentences
-
-
-def in_words(names: list[str]) -> str:
-    """Return names as a list in a sentence."""
-    return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
 
 # --- rigging --------------------------------------------------------------------------------------

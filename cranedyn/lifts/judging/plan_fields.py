@@ -16,7 +16,6 @@ from cranedyn.lifts.judging.lift_positions import largest_wheel_force
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
     corner_range,
-    headroom,
     hook_height,
     sling_force,
     wind_text,
@@ -136,9 +135,9 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
     leg = sling_force(analysis)
     height = hook_height(analysis)
     room = None
-    if height is not None and headroom(analysis) is not None:
-        assert details.crane.height_under_hook is not None  # it is checked
-        room = f"{details.crane.height_under_hook - height:.2f} m"
+    largest = details.crane.height_under_hook
+    if height is not None and largest is not None:
+        room = f"{largest - height:.2f} m"
     fields = [
         PlanField("Slings", slings.type),
         PlanField("Number of legs", None if slings.number is None else f"{slings.number}"),

@@ -18,10 +18,9 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 from cranedyn.data.files import lock_folder, open_file, read_bytes
-from cranedyn.errors import CraneError, DataError
+from cranedyn.errors import DataError
 from cranedyn.lifts.judging.plan_changes import revision_changes
 from cranedyn.lifts.judging.plan_record import (
-    NO_GO,
     TIME_COLUMN,
     TIME_MASK,
     PlanMark,
@@ -159,15 +158,13 @@ def sign_plan(file: Path, name: str, role: str) -> PlanRecord:
     path = record_beside(file)
     with lock_folder(path.parent):
         record = read_plan_record(path)
-        if record.result.word == NO_GO:
-            raise CraneError("The plan was not signed: a lift that is NO GO is not.")
+        signed = sign(record, name, role, date.today().isoformat())
         for check in document_checks(record, path.parent):
             if check.verdict is not Verdict.HOLDS:
                 raise DataError(
                     f"The plan was not signed: {check.sentence} Judge the lift again, and sign "
                     "that."
                 )
-        signed = sign(record, name, role, date.today().isoformat())
         write_plan_record(path, signed)
     return signed
 

@@ -20,6 +20,7 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
+from functools import cached_property
 from pathlib import Path, PurePosixPath
 from typing import Any, NamedTuple
 
@@ -252,7 +253,7 @@ class PlanRecord:
     documents: Mapping[str, str] = field(default_factory=dict)
     signatures: tuple[Signature, ...] = ()
 
-    @property
+    @cached_property
     def digest(self) -> str:
         """SHA-256 of the canonical form of inputs and result."""
         return plan_digest(self.inputs, self.result)
@@ -455,8 +456,9 @@ def _check_distinct(files: Sequence[PlanFile]) -> None:
         raise _Refused("files: one role is listed twice")
     # These lie in one folder, that of the site.
     paths = [PurePosixPath(file.path) for file in files if file.role in ("site", "named")]
+    times = Counter(paths)
     for path in paths:
-        if paths.count(path) > 1 or any(folder in paths for folder in path.parents):
+        if times[path] > 1 or any(folder in times for folder in path.parents):
             raise _Refused(f"files: {quoted(str(path))} would lie in the place of another one")
 
 
@@ -529,7 +531,8 @@ def _check_relative(path: str, *, alone: bool) -> None:
 def _result_of(content: Any) -> PlanResult:
     """Return the result of a record."""
     table = _table("result", content, ("word", "checks", "tables"))
-    verdicts = {verdict.value for verdict in Verdict}
+    # A list, in which also what cannot be hashed is looked for without an error.
+    verdicts = [verdict.value for verdict in Verdict]
     checks = []
     for entry in _list("checks", table["checks"], 1000):
         fields = _table("checks", entry, ("name", "verdict", "sentence"))
@@ -655,15 +658,18 @@ def sign(record: PlanRecord, name: str, role: str, date: str) -> PlanRecord:
     """Return a record with one more signature.
 
     Raises:
-        CraneError: If the name is not printable or empty, has signed in this role already, or there
-            are too many signatures.
+        CraneError: If the lift is NO GO, the name is not printable or empty, has signed in this
+            role already, or there are too many signatures.
     """
+    if record.result.word == NO_GO:
+        raise CraneError("The plan was not signed: a lift that is NO GO is not.")
     if not name.strip() or not name.isprintable():
         raise CraneError(f"The name is {quoted(name)}; allowed is a printable text.")
+    name = name.strip()
     if len(record.signatures) >= MAX_SIGNATURES:
         raise CraneError(f"The plan has {MAX_SIGNATURES} signatures already, which is the most.")
     for earlier in record.signatures:
-        if (earlier.name, earlier.role) == (name.strip(), role):
-            raise CraneError(f"{name.strip()} has signed this plan as {role} already.")
-    signature = Signature(name.strip(), role, date, record.digest, dict(record.documents))
+        if (earlier.name, earlier.role) == (name, role):
+            raise CraneError(f"{name} has signed this plan as {role} already.")
+    signature = Signature(name, role, date, record.digest, dict(record.documents))
     return replace(record, signatures=(*record.signatures, signature))

@@ -149,7 +149,7 @@ def write_plan(
         drawings: list[Path] = []
         why_no_drawings = ""
         try:
-            drawings = write_drawings(judgement.analysis, folder, revision.stem)
+            drawings = write_drawings(judgement.scene, folder, revision.stem)
         except (NoDxf, DrawingTooLarge) as error:
             why_no_drawings = str(error)
         record = with_documents(record, [*documents, *drawings])

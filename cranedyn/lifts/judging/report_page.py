@@ -23,7 +23,7 @@ from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftSheet, sheets
+from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -84,7 +84,7 @@ _TIMEOUT = 120.0
 
 
 def lift_html(
-    analysis: LiftAnalysis,
+    scene: LiftScene,
     checks: Sequence[Check],
     tables: Sequence[Table],
     figures: Sequence[LiftFigure],
@@ -94,17 +94,18 @@ def lift_html(
     """Return the report of a lift: a page to decide by and to sign, then every number.
 
     Args:
-        analysis: The lift.
+        scene: The lift, and what its drawings show.
         checks: Its checks, whose verdict together is that of the report.
         tables: Its tables, see `cranedyn.lifts.judging.lift_tables.tables`.
         figures: Its figures.
         command: The command that makes its numbers again; empty if there is none.
         plan: What the page says of the record that lies beside it; None if there is none.
     """
+    analysis = scene.analysis
     verdict = overall(checks)
     named = {table.title: shown for table, shown in zip(tables, page_tables(tables), strict=True)}
     places = POSITIONS_TITLE if POSITIONS_TITLE in named else PLACES_TITLE
-    drawn, not_drawn = _sheets_or_reason(analysis)
+    drawn, not_drawn = _sheets_or_reason(scene)
     return render(
         _TEMPLATE,
         title=f"Lift: {analysis.site.name}",
@@ -121,7 +122,7 @@ def lift_html(
         counting=counting_assumptions(analysis),
         signatures=signatures(analysis),
         checks=worst_first(checks),
-        not_checked=not_checked(analysis),
+        not_checked=not_checked(analysis, checks),
         unusual=analysis.unusual,
         statement=STATEMENT,
         sequence=named.pop(SEQUENCE_TITLE),
@@ -136,12 +137,12 @@ def lift_html(
     )
 
 
-def _sheets_or_reason(analysis: LiftAnalysis) -> tuple[list[LiftSheet], list[str]]:
+def _sheets_or_reason(scene: LiftScene) -> tuple[list[LiftSheet], list[str]]:
     """Return the drawings of a lift, or a sentence that says why there are none: a report has its
     numbers also where a drawing fits on no paper.
     """
     try:
-        return sheets(analysis), []
+        return sheets(scene), []
     except DrawingTooLarge as error:
         return [], [f"There are no drawings. {error}"]
 

@@ -112,10 +112,10 @@ def rates_text(crane: Crane, rates: Sequence[float]) -> str:
     for joint, rate in zip(crane.layout.driven, rates, strict=True):
         turns = joint.kind == "revolute"
         texts.append(f"{math.degrees(rate):.2g} °/s" if turns else f"{rate:.2f}")
-    return f"{_in_words(texts)} m/s"  # the hoist, which is the last one, winds up metres
+    return f"{in_words(texts)} m/s"  # the hoist, which is the last one, winds up metres
 
 
-def _in_words(names: Sequence[str]) -> str:
+def in_words(names: Sequence[str]) -> str:
     """Return names as a list in a sentence."""
     return " and ".join([", ".join(names[:-1]), names[-1]]) if len(names) > 1 else names[0]
 
@@ -130,7 +130,7 @@ def _of_motion(site: Site, crane: Crane, limits: Limits) -> Iterator[Assumption]
     else:
         origin = Origin.COMPUTED  # a plan uses less where the crane's own rates leave no reserve
     yield Assumption(
-        f"largest rates of {_in_words(drives)}",
+        f"largest rates of {in_words(drives)}",
         rates_text(crane, limits.rates),
         origin,
         "[drives] rates",

@@ -140,7 +140,7 @@ def test_a_part_flies_as_far_as_a_projectile_that_is_stepped() -> None:
 
 
 def test_a_sheet_is_as_large_as_its_paper_and_a_metre_on_it_as_long_as_the_scale_says() -> None:
-    made = sheets(scene().analysis)
+    made = sheets(scene())
     names = [sheet.name for sheet in made]
     assert names[:3] == ["plan", "elevation", "sequence-1"] and names[-1] == "rigging"
     layout = choose_layout(plan())
@@ -179,7 +179,7 @@ def test_a_drawing_that_fits_on_no_paper_is_refused_with_its_size() -> None:
 
 def test_a_report_without_drawings_says_why(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("cranedyn.lifts.judging.drawings.sheet.SCALES", (1,))
-    drawn, not_drawn = _sheets_or_reason(scene().analysis)
+    drawn, not_drawn = _sheets_or_reason(scene())
     assert drawn == []
     assert "There are no drawings. The plan is" in not_drawn[0]
 
@@ -205,7 +205,7 @@ def test_a_site_file_enters_north_in_degrees(tmp_path: Path) -> None:
 
 def test_dxf_files_hold_each_obstacle_at_its_coordinates(tmp_path: Path) -> None:
     ezdxf = pytest.importorskip("ezdxf", reason="extra dxf (ezdxf) is not installed")
-    plan_file, elevation_file = write_drawings(scene().analysis, tmp_path)
+    plan_file, elevation_file = write_drawings(scene(), tmp_path)
     assert (plan_file.name, elevation_file.name) == ("lift_plan.dxf", "lift_elevation.dxf")
     for file in (plan_file, elevation_file):
         document = ezdxf.readfile(file)
@@ -226,7 +226,7 @@ def test_dxf_files_hold_each_obstacle_at_its_coordinates(tmp_path: Path) -> None
 def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "ezdxf", None)
     with pytest.raises(NoDxf, match="pip install"):
-        write_drawings(scene().analysis, tmp_path)
+        write_drawings(scene(), tmp_path)
     assert not list(tmp_path.iterdir())
 
 
@@ -268,7 +268,7 @@ def test_a_zone_and_a_name_that_is_markup_are_drawn_as_what_they_are() -> None:
         prism("street", np.array([[-5.0, 5.0], [0.0, 5.0], [0.0, 9.0]]), 0.0, 6.0, zone=True),
     )
     site = replace(analysis.site, solids=solids)
-    first = sheets(replace(analysis, site=site))[0]
+    first = sheets(LiftScene.of(replace(analysis, site=site)))[0]
     texts = [text.text for text in ET.fromstring(first.svg).iter(f"{SVG}text")]
     assert "<b>shed</b> & co, top +3.0 m" in texts
     assert "street, keep out below 6.0 m" in texts

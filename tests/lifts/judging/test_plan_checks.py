@@ -380,7 +380,7 @@ def test_the_wind_acts_on_the_area_and_drag_that_are_entered() -> None:
 
 def test_what_nobody_entered_is_no_check_and_said_beside_the_checks() -> None:
     assert plan_checks(bare()) == []
-    missing = not_checked(bare())
+    missing = not_checked(bare(), plan_checks(bare()))
     assert len(missing) == 6
     for words in ("slings", "lifting_points", "height_under_hook", "permitted_pressure"):
         assert any(words in sentence for sentence in missing)
@@ -404,7 +404,7 @@ def test_missing_names_never_change_the_verdict_and_are_lines_to_be_filled_in(
     assert "A. Nybody" in with_names
     # An empty field has no sign of a check.
     assert not re.search(r"✔[^<]*<[^>]*blank", without)
-    for sentence in not_checked(bare()):
+    for sentence in not_checked(bare(), plan_checks(bare())):
         assert f"<li>{sentence}</li>" in without
 
 

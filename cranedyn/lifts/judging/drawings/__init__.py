@@ -1,16 +1,14 @@
 """Scaled drawings of a planned lift: plan, elevation, sequence and rigging on sheets of paper, and
 plan and elevation as DXF files.
 
-Begin with `sheets`, and with `write_drawings` for the files. `views` makes the two drawings, which
-know neither paper nor file formats; `sheet` and `dxf` draw them.
+Begin with `LiftScene.of`, then `sheets`, and `write_drawings` for the files. `views` makes the two
+drawings, which know neither paper nor file formats; `sheet` and `dxf` draw them.
 """
 
 from __future__ import annotations
 
 from pathlib import Path
 
-from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.drawings.drawing import Drawing
 from cranedyn.lifts.judging.drawings.dxf import NoDxf, write_dxf
 from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_sheet
 from cranedyn.lifts.judging.drawings.sequence import sequence_sheet, sequence_sheet_count
@@ -20,33 +18,25 @@ from cranedyn.lifts.judging.drawings.sheet import (
     TitleBlock,
     drawing_sheet,
 )
-from cranedyn.lifts.judging.drawings.views import LiftScene, elevation_view, plan_view
+from cranedyn.lifts.judging.drawings.views import LiftScene
 
 __all__ = [
-    "Drawing",
     "DrawingTooLarge",
     "LiftScene",
     "LiftSheet",
     "NoDxf",
-    "drawings",
     "sheets",
     "write_drawings",
 ]
 
 
-def drawings(analysis: LiftAnalysis) -> list[Drawing]:
-    """Return plan and elevation of a lift, in metres."""
-    scene = LiftScene.of(analysis)
-    return [plan_view(scene), elevation_view(scene)]
-
-
-def sheets(analysis: LiftAnalysis) -> list[LiftSheet]:
+def sheets(scene: LiftScene) -> list[LiftSheet]:
     """Return the sheets of a lift: plan and elevation to scale, the sequence, the rigging.
 
     Raises:
         DrawingTooLarge: If plan or elevation fits on no A3 sheet.
     """
-    scene = LiftScene.of(analysis)
+    analysis = scene.analysis
     of_sequence = sequence_sheet_count(scene)
     count = 3 + of_sequence
     details = analysis.site.details
@@ -55,8 +45,8 @@ def sheets(analysis: LiftAnalysis) -> list[LiftSheet]:
         return TitleBlock(analysis.site.name, details.job, details.people.prepared, number, count)
 
     made = [
-        drawing_sheet(plan_view(scene), block(1)),
-        drawing_sheet(elevation_view(scene), block(2)),
+        drawing_sheet(scene.plan, block(1)),
+        drawing_sheet(scene.elevation, block(2)),
     ]
     for page in range(of_sequence):
         made.append(sequence_sheet(scene, page, block(3 + page)))
@@ -64,11 +54,11 @@ def sheets(analysis: LiftAnalysis) -> list[LiftSheet]:
     return made
 
 
-def write_drawings(analysis: LiftAnalysis, folder: Path, stem: str = "lift") -> list[Path]:
+def write_drawings(scene: LiftScene, folder: Path, stem: str = "lift") -> list[Path]:
     """Write plan and elevation as DXF into a folder: ``lift_plan.dxf`` and ``lift_elevation.dxf``.
 
     Args:
-        analysis: The lift.
+        scene: The lift.
         folder: The folder.
         stem: What the names of the files begin with.
 
@@ -77,4 +67,7 @@ def write_drawings(analysis: LiftAnalysis, folder: Path, stem: str = "lift") -> 
         DrawingTooLarge: If one fits on no A3 sheet, so that its texts have no size.
         DataError: If a file cannot be written.
     """
-    return [write_dxf(made, folder / f"{stem}_{made.name}.dxf") for made in drawings(analysis)]
+    written = []
+    for drawing in (scene.plan, scene.elevation):
+        written.append(write_dxf(drawing, folder / f"{stem}_{drawing.name}.dxf"))
+    return written

@@ -8,8 +8,7 @@ on paper whatever the scale, so that their size is no part of a drawing.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -151,11 +150,6 @@ class Drawing:
     def size(self) -> Point:
         """Width and height of the area to be shown [m]."""
         return self.high[0] - self.low[0], self.high[1] - self.low[1]
-
-    def only(self, layers: Iterable[Layer]) -> Drawing:
-        """Return the drawing with what is on some layers only."""
-        kept = set(layers)
-        return replace(self, primitives=tuple(p for p in self.primitives if p.layer in kept))
 
 
 def as_point(point: np.ndarray) -> Point:

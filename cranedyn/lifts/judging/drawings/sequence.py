@@ -235,7 +235,7 @@ def _draw_step(
         left = MARGIN + 1.0 + k * (_SKETCH_WIDTH + 1.0)
         height = _ROW_HEIGHT - 2.0
         scale = _fitting_scale(sketch, _SKETCH_WIDTH, height)
-        draw(canvas, sketch, scale, left, top + 1.0, _SKETCH_WIDTH, height, names=False)
+        draw(canvas, sketch, scale, left, top + 1.0, _SKETCH_WIDTH, height)
     left = MARGIN + 2.0 * (_SKETCH_WIDTH + 1.0) + 3.0
     right = MARGIN + width - 2.0
     canvas.text(left, top + 6.0, f"{step.number - 1} to {step.number}", bold=True, size=4.5)

@@ -235,8 +235,6 @@ def draw(
     top: float,
     width: float,
     height: float,
-    *,
-    names: bool = True,
 ) -> None:
     """Draw a drawing to a scale into the middle of a rectangle of a page [mm], which cuts it off.
 
@@ -248,7 +246,6 @@ def draw(
         top: Its upper edge.
         width: Its width.
         height: Its height.
-        names: Whether texts are written that are no numbers of positions.
     """
     per_metre = 1e3 / scale
     # The middle of the area to be shown comes to the middle of the rectangle.
@@ -282,11 +279,10 @@ def draw(
                 on_paper(end),
             )
     for placed in place_texts(drawing, scale):
-        if names or placed.in_circle:
-            leader = None
-            if placed.leader is not None:
-                leader = np.array([on_paper(point) for point in placed.leader])
-            _write(canvas, placed, on_paper(placed.centre), leader)
+        leader = None
+        if placed.leader is not None:
+            leader = np.array([on_paper(point) for point in placed.leader])
+        _write(canvas, placed, on_paper(placed.centre), leader)
     canvas.end_window()
 
 

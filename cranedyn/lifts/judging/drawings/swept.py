@@ -32,6 +32,8 @@ class SweptAreas:
             that does not turn.
         bearings: Directions from the slew axis to the load, unwrapped [rad], shape (k,); None for a
             crane that does not turn.
+        turned_path: Radius and height of the load's centre in the same places [m], shape (k, 2);
+            None for a crane that does not turn.
     """
 
     envelope: shapely.Geometry
@@ -39,6 +41,7 @@ class SweptAreas:
     farthest_throw: float
     passed: shapely.Geometry | None
     bearings: np.ndarray | None
+    turned_path: np.ndarray | None
 
 
 def throw_distance(
@@ -118,7 +121,17 @@ def swept_areas(lift: Lift) -> SweptAreas:
         farthest_throw=float(throws.max()),
         passed=shapely.union_all(passed) if passed else None,
         bearings=load_bearings(clearance, shapes),
+        turned_path=_turned_path(shapes) if passed else None,
     )
+
+
+def _turned_path(shapes: list[CraneShapes]) -> np.ndarray:
+    """Return radius and height of the load's centre in consecutive places [m], shape (k, 2)."""
+    flat = []
+    for shape in shapes:
+        assert shape.axis is not None
+        flat.append([np.linalg.norm((shape.centre - shape.axis)[:2]), shape.centre[2]])
+    return np.array(flat)
 
 
 def load_bearings(clearance: Clearance, shapes: list[CraneShapes]) -> np.ndarray | None:

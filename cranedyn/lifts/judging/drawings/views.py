@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pinocchio as pin
@@ -83,6 +84,29 @@ class LiftScene:
         shapes = [crane_shapes(lift.clearance, position.place) for position in positions]
         return cls(analysis, positions, shapes, swept_areas(lift), _nearest_points(analysis))
 
+    @cached_property
+    def plan(self) -> Drawing:
+        """The plan."""
+        return plan_view(self)
+
+    @cached_property
+    def elevation(self) -> Drawing:
+        """The elevation."""
+        return elevation_view(self)
+
+    @cached_property
+    def solids_in_plan(self) -> list[list[Primitive]]:
+        """The outlines of each obstacle in plan, and last its name."""
+        site = self.analysis.site
+        return [_plan_of_solid(solid, site.ground) for solid in site.solids]
+
+    @cached_property
+    def solids_in_elevation(self) -> list[list[Primitive]]:
+        """The outlines of each obstacle in the elevation, and last its name; nothing of one that is
+        not shown there.
+        """
+        return [_elevation_of_solid(self, solid) for solid in self.analysis.site.solids]
+
     @property
     def clearance(self) -> Clearance:
         """Crane and site."""
@@ -148,6 +172,7 @@ def _nearest_points(analysis: LiftAnalysis) -> NearestPoints | None:
     pairs = []
     for pair in clearance.nearest_points(q, math.inf):
         distance = pair.margin + pair.required
+        # The certificate has the distance to 1 mm; a pair beside it may be of the same body.
         is_the_pair = abs(distance - certificate.nearest.distance) < 1e-3
         if pair.body == certificate.nearest.body and is_the_pair:
             pairs.append(pair)
@@ -161,8 +186,8 @@ def plan_view(scene: LiftScene) -> Drawing:
     """Return the plan of a lift in the coordinates of the site."""
     site = scene.analysis.site
     primitives: list[Primitive] = []
-    for solid in site.solids:
-        primitives += _plan_of_solid(solid, site.ground)
+    for outlines in scene.solids_in_plan:
+        primitives += outlines
     primitives += _area("exclusion", scene.swept.exclusion)
     primitives += _area("envelope", scene.swept.envelope)
     primitives += _slewing(scene)
@@ -234,6 +259,11 @@ def _area(layer: Layer, area: shapely.Geometry) -> list[Primitive]:
     return [polyline(layer, ring, closed=True) for ring in rings_of(simple)]
 
 
+def _outlines(layer: Layer, bodies: list[np.ndarray]) -> list[Primitive]:
+    """Return the closed lines around bodies of the crane, points in a view of shape (n, 2) each."""
+    return [polyline(layer, ring, closed=True) for ring in outlines_of(bodies)]
+
+
 def _slewing(scene: LiftScene) -> list[Primitive]:
     """Return the circles of the reach about the slew axis, and the sector that the lift slews
     through; nothing for a crane that does not turn.
@@ -290,11 +320,9 @@ def _crane_in_plan(scene: LiftScene) -> list[Primitive]:
     first = scene.shapes[0]
     last = scene.shapes[-1]
     drawn: list[Primitive] = []
-    for ring in outlines_of([body[:, :2] for body in last.moving]):
-        drawn.append(polyline("crane later", ring, closed=True))
+    drawn += _outlines("crane later", [body[:, :2] for body in last.moving])
     for bodies in (first.standing, first.moving):
-        for ring in outlines_of([body[:, :2] for body in bodies]):
-            drawn.append(polyline("crane", ring, closed=True))
+        drawn += _outlines("crane", [body[:, :2] for body in bodies])
     if first.axis is not None:
         drawn.append(Label("crane", as_point(first.axis), "slew axis"))
     return drawn
@@ -415,14 +443,12 @@ def frame_of(primitives: list[Primitive], centre: Point, limit: float) -> tuple[
 
 def plan_sketch(scene: LiftScene, index: int) -> Drawing:
     """Return a sketch in plan of the step from a position to the next one."""
-    site = scene.analysis.site
     primitives: list[Primitive] = []
-    for solid in site.solids:
-        primitives += _plan_of_solid(solid, site.ground)[:-1]
+    for outlines in scene.solids_in_plan:
+        primitives += outlines[:-1]  # without its name
     shape = scene.shapes[index + 1]
     for bodies in (shape.standing, shape.moving):
-        for ring in outlines_of([body[:, :2] for body in bodies]):
-            primitives.append(polyline("crane", ring, closed=True))
+        primitives += _outlines("crane", [body[:, :2] for body in bodies])
     primitives.append(polyline("path", scene.centres_between(index)))
     for i in (index, index + 1):
         primitives += _area("load", hull_of(scene.shapes[i].load[:, :2]))
@@ -440,8 +466,8 @@ class ElevationPlane:
     """A vertical plane at a position.
 
     Attributes:
-        origin: Its point of zero to the right [m], shape (3,).
-        right: Direction to the right in plan, shape (2,).
+        origin: The point of the site from which the way to the right counts [m], shape (3,).
+        right: Direction to the right in plan, a unit vector of the site, shape (2,).
     """
 
     origin: np.ndarray
@@ -488,27 +514,21 @@ def elevation_view(scene: LiftScene) -> Drawing:
     site = scene.analysis.site
     turns = scene.swept.passed is not None
     primitives: list[Primitive] = []
-    for solid in site.solids:
-        primitives += _elevation_of_solid(scene, solid)
+    for outlines in scene.solids_in_elevation:
+        primitives += outlines
     primitives += _crane_in_elevation(scene)
     primitives.append(polyline("path", _flat_path(scene)))
     for i, position in enumerate(scene.positions):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
         primitives += _area("load", hull_of(plane.flat(shape.load)))
-        for body in (shape.hook,):
-            primitives += _area("load", hull_of(plane.flat(body)))
-        rope = np.array([shape.pivot, [*shape.pivot[:2], shape.hook[:, 2].max()]])
-        primitives.append(polyline("load", plane.flat(rope)))
+        primitives += _area("load", hull_of(plane.flat(shape.hook)))
+        primitives.append(_rope(plane, shape))
         centre = as_point(plane.flat(position.centre))
         primitives.append(Label("load", centre, str(position.number), True))
     primitives += _elevation_dimensions(scene, primitives)
 
-    origin = (0.0, site.ground)
-    low, high = frame_of(primitives, origin, _BEYOND_REACH + scene.clearance.reach[1])
-    low = (low[0], min(low[1], site.ground - _EDGE))
-    ground = np.array([[low[0], site.ground], [high[0], site.ground]])
-    primitives.insert(0, polyline("ground", ground))
+    low, high = _frame_with_ground(scene, primitives)
     primitives.append(
         Label("ground", (low[0] + 3.0, site.ground - 0.5 * _EDGE), f"ground {site.ground:+.1f} m")
     )
@@ -520,28 +540,39 @@ def elevation_view(scene: LiftScene) -> Drawing:
 
 def elevation_sketch(scene: LiftScene, index: int) -> Drawing:
     """Return a sketch in elevation of the step from a position to the next one."""
-    site = scene.analysis.site
     primitives: list[Primitive] = []
-    for solid in site.solids:
-        primitives += _elevation_of_solid(scene, solid)[:-1]
+    for outlines in scene.solids_in_elevation:
+        primitives += outlines[:-1]  # without its name
     shape = scene.shapes[index + 1]
     plane = plane_at(scene, index + 1)
     for bodies in (shape.standing, shape.moving):
-        for ring in outlines_of([plane.flat(body) for body in bodies]):
-            primitives.append(polyline("crane", ring, closed=True))
+        primitives += _outlines("crane", [plane.flat(body) for body in bodies])
     for i in (index, index + 1):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
         primitives += _area("load", hull_of(plane.flat(shape.load)))
-        rope = np.array([shape.pivot, [*shape.pivot[:2], shape.hook[:, 2].max()]])
-        primitives.append(polyline("load", plane.flat(rope)))
+        primitives.append(_rope(plane, shape))
         centre = as_point(plane.flat(shape.centre))
         primitives.append(Label("load", centre, str(scene.positions[i].number), True))
-    low, high = frame_of(primitives, (0.0, site.ground), _BEYOND_REACH + scene.clearance.reach[1])
-    low = (low[0], min(low[1], site.ground - _EDGE))
-    ground = np.array([[low[0], site.ground], [high[0], site.ground]])
-    primitives.insert(0, polyline("ground", ground))
+    low, high = _frame_with_ground(scene, primitives)
     return Drawing("elevation sketch", "Elevation", tuple(primitives), low, high)
+
+
+def _rope(plane: ElevationPlane, shape: CraneShapes) -> Polyline:
+    """Return the rope from its upper end to the top of the hook, straight below it."""
+    rope = np.array([shape.pivot, [*shape.pivot[:2], shape.hook[:, 2].max()]])
+    return polyline("load", plane.flat(rope))
+
+
+def _frame_with_ground(scene: LiftScene, primitives: list[Primitive]) -> tuple[Point, Point]:
+    """Put the ground below lines, and return the corners of the area around them that is shown."""
+    ground = scene.analysis.site.ground
+    reach = scene.clearance.reach[1]
+    low, high = frame_of(primitives, (0.0, ground), _BEYOND_REACH + reach)
+    low = (low[0], min(low[1], ground - _EDGE))
+    line = np.array([[low[0], ground], [high[0], ground]])
+    primitives.insert(0, polyline("ground", line))
+    return low, high
 
 
 def _elevation_notes(*, turns: bool) -> list[str]:
@@ -558,15 +589,9 @@ def _elevation_notes(*, turns: bool) -> list[str]:
 
 def _flat_path(scene: LiftScene) -> np.ndarray:
     """Return the way of the load's centre in the elevation [m], shape (k, 2)."""
-    if scene.swept.passed is None:
+    if scene.swept.turned_path is None:
         return plane_at(scene, 0).flat(scene.centres)
-    lift = scene.analysis.certificate.lift
-    flat = []
-    for row in sampled_rows(lift):
-        shape = crane_shapes(lift.clearance, lift.timed.places[row])
-        assert shape.axis is not None
-        flat.append([np.linalg.norm((shape.centre - shape.axis)[:2]), shape.centre[2]])
-    return np.array(flat)
+    return scene.swept.turned_path
 
 
 def _elevation_of_solid(scene: LiftScene, solid: Solid) -> list[Primitive]:
@@ -610,15 +635,13 @@ def _turned_into_plane(scene: LiftScene, solid: Solid) -> shapely.Geometry:
 
 def _crane_in_elevation(scene: LiftScene) -> list[Primitive]:
     """Return the outline of the crane at the pick-up, and at the set-down where it differs."""
-    drawn: list[Primitive] = []
-    for index, layer in ((len(scene.shapes) - 1, "crane later"), (0, "crane")):
-        shape = scene.shapes[index]
-        plane = plane_at(scene, index)
-        for ring in outlines_of([plane.flat(body) for body in shape.moving]):
-            drawn.append(polyline(layer, ring, closed=True))  # type: ignore[arg-type]
+    first = scene.shapes[0]
+    last = scene.shapes[-1]
     plane = plane_at(scene, 0)
-    for ring in outlines_of([plane.flat(body) for body in scene.shapes[0].standing]):
-        drawn.append(polyline("crane", ring, closed=True))
+    last_plane = plane_at(scene, len(scene.shapes) - 1)
+    drawn = _outlines("crane later", [last_plane.flat(body) for body in last.moving])
+    drawn += _outlines("crane", [plane.flat(body) for body in first.moving])
+    drawn += _outlines("crane", [plane.flat(body) for body in first.standing])
     return drawn
 
 
@@ -644,8 +667,9 @@ def _elevation_dimensions(scene: LiftScene, drawn_before: list[Primitive]) -> li
         )
     drawn += _jib_dimension(scene)
     if scene.nearest is not None:
-        row = scene.analysis.certificate.nearest_t
-        index = int(np.argmin([abs(position.t - row) for position in scene.positions]))
+        # In the plane of the numbered position that is nearest in time.
+        t = scene.analysis.certificate.nearest_t
+        index = int(np.argmin([abs(position.t - t) for position in scene.positions]))
         on_body, on_obstacle = _on_site(scene, scene.nearest)
         plane = plane_at(scene, index)
         start, end = as_point(plane.flat(on_body)), as_point(plane.flat(on_obstacle))
@@ -693,8 +717,7 @@ def _span_dimension(scene: LiftScene) -> list[Primitive]:
     left = np.array([-travel[1], travel[0], 0.0])
     rails = site.to_site(np.array([left * rail for rail in site.runway.rails]))
     height = float(max(body[:, 2].max() for body in scene.shapes[0].moving))
-    first, second = plane.flat(rails)[:, 0].tolist()
-    low, high = sorted((first, second))
+    low, high = sorted(plane.flat(rails)[:, 0].tolist())
     span = high - low
     text = f"rails {span:.2f} m"
     return [Dimension("dimensions", (low, height), (high, height), text, offset=1.5)]
