@@ -210,7 +210,15 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         parameters={"box_kg": BOX, "hook_kg": HOOK, "rope_stiffness_N": ROPE_STIFFNESS},
         trajectories={"round_trip": trip.run.trajectory},
         figures={"round_trip": _figure(trip)},
-        recording=harness.side_by_side({"round trip": (trip.loaded, trip.run.trajectory)}),
+        # A crane of a recording has one load, so that each stage has a crane of its own.
+        recording=harness.side_by_side(
+            {
+                "comes with its hook": (trip.empty, trip.run.stages[0]),
+                "carries the box": (trip.loaded, trip.run.stages[1]),
+                "goes back": (trip.empty, trip.run.stages[2]),
+            },
+            apart=40.0,
+        ),
     )
 
 

@@ -297,3 +297,16 @@ def test_the_ends_of_a_lift_are_named_by_whether_the_load_stands_there() -> None
     assert end_names(small()) == ("pick-up", "set-down")
     assert end_names(lift("lift-off", "motion", "set-down")) == ("lifted off", "above set-down")
     assert end_names(lift("motion", "set-down")) == ("pick-up", "above set-down")
+
+
+def test_a_roof_of_triangles_is_in_the_elevation_also_where_its_walls_are_not() -> None:
+    """A slab from 1 to 1.2 m that is wider than all that jib and load pass over: of its surface
+    only level triangles are below them.
+    """
+    slab = replace(box("slab", (0.0, 0.0), (200.0, 200.0, 0.2), 1.0), parts=())
+    site = replace(small().site, solids=(slab,))
+    with_slab = LiftScene.of(replace(small(), site=site))
+    ((*outlines, name),) = with_slab.solids_in_elevation
+    assert isinstance(name, Label) and name.text == "slab"
+    heights = np.concatenate([np.array(outline.points)[:, 1] for outline in outlines])
+    assert heights.min() == pytest.approx(1.0) and 1.2 <= heights.max() <= 1.26

@@ -280,6 +280,7 @@ HOSTILE = [
     (("inputs.options.extra", 1), "which is not known"),
     (("inputs.options.site", "a\nb"), "allowed is a printable text"),
     (("result.checks.0.verdict", "perhaps"), "a verdict is perhaps"),
+    (("result.checks.0.verdict", []), "a verdict is '[]'"),
     (("result.tables.0.rows.0", ["one cell"]), "another number of cells"),
 ]
 

@@ -53,6 +53,9 @@ _DIMENSION_SPACING = 0.05
 _REACH_SAMPLES = 61
 """Positions of the drive that carries the rope in and out, from which its reach is taken."""
 
+_LEAST_THICKNESS = 0.05
+"""Least height at which a part of an obstacle is drawn in an elevation [m]."""
+
 _UNBOUNDED_TOP = 1000.0
 """Height from which on the top of a zone is not told [m]: it is higher than any crane."""
 
@@ -628,7 +631,9 @@ def _turned_into_plane(scene: LiftScene, solid: Solid) -> shapely.Geometry:
         largest = float(np.linalg.norm(shapely.get_coordinates(under) - axis[:2], axis=1).max())
         least = float(under.distance(foot))
         low, high = float(corners[:, 2].min()), float(corners[:, 2].max())
-        if largest - least > 1e-3 and high - low > 1e-3:
+        # A level triangle of a roof is seen as a line, whatever the walls below it.
+        high = max(high, low + _LEAST_THICKNESS)
+        if largest - least > 1e-3:
             boxes.append(shapely.box(least, low, largest, min(high, low + _UNBOUNDED_TOP)))
     return shapely.union_all(boxes)
 
