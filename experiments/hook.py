@@ -11,7 +11,7 @@ import argparse
 import itertools
 import sys
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -22,6 +22,7 @@ from cranedyn.dynamics.contact import ON_GROUND, Ground, Platform, box_corners, 
 from cranedyn.dynamics.joint_forces import JointForces, rope_tension
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.figures import legend_above, panels
+from cranedyn.recording import Run
 from cranedyn.references import spline
 from cranedyn.simulation.stages import (
     LoadChange,
@@ -33,6 +34,9 @@ from cranedyn.simulation.stages import (
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.scenarios.crane_variants import POINT
+
+STAGES = ("comes with its hook", "carries the box", "goes back")
+"""Stages of the round trip."""
 
 SHARES = (0.1, 0.5, 0.9)
 """Masses of a hook as shares of hook and load together."""
@@ -210,16 +214,19 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
         parameters={"box_kg": BOX, "hook_kg": HOOK, "rope_stiffness_N": ROPE_STIFFNESS},
         trajectories={"round_trip": trip.run.trajectory},
         figures={"round_trip": _figure(trip)},
-        # A crane of a recording has one load, so that each stage has a crane of its own.
-        recording=harness.side_by_side(
-            {
-                "comes with its hook": (trip.empty, trip.run.stages[0]),
-                "carries the box": (trip.loaded, trip.run.stages[1]),
-                "goes back": (trip.empty, trip.run.stages[2]),
-            },
-            apart=40.0,
-        ),
+        recording=_recording(trip),
     )
+
+
+def _recording(trip: RoundTrip) -> list[Run]:
+    """Return the stages for the viewer, each from its own beginning: a crane of a recording has one
+    load, so that each stage has a crane of its own.
+    """
+    cranes = (trip.empty, trip.loaded, trip.empty)
+    runs = {}
+    for name, crane, stage in zip(STAGES, cranes, trip.run.stages, strict=True):
+        runs[name] = (crane, replace(stage, t=stage.t - stage.t[0]))
+    return harness.side_by_side(runs, apart=40.0)
 
 
 def _impact_claim(hit: Sequence[Impact]) -> Claim:
@@ -280,10 +287,9 @@ def _empty_claim(trip: RoundTrip) -> Claim:
 
 
 def _trip_table(trip: RoundTrip) -> ResultTable:
-    names = ("comes with its hook", "carries the box", "goes back")
     rows = []
     ends = [-1, *(trip.row(i) for i in range(3))]
-    for name, (first, last) in zip(names, itertools.pairwise(ends), strict=True):
+    for name, (first, last) in zip(STAGES, itertools.pairwise(ends), strict=True):
         inner = slice(first + 1, last + 1)
         rows.append((name, trip.run.trajectory.t[last], trip.pull[inner].max() / 1e3, last))
     return make_table(
