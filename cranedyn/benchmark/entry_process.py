@@ -35,11 +35,28 @@ from cranedyn.errors import CraneError, format_error
 _FRAME = struct.Struct("<cI")
 """Head of a frame: its letter and the length of what follows [byte]."""
 
-_OPEN, _BEGIN, _STEP = b"O", b"B", b"S"
-"""Requests: open an entry, begin an instance, return a command for a reading."""
+# Letters of requests to the process.
+_OPEN = b"O"
+"""Open an entry."""
 
-_READY, _COMMAND, _DECLINED, _ERROR = b"R", b"C", b"D", b"E"
-"""Answers."""
+_BEGIN = b"B"
+"""Begin an instance."""
+
+_STEP = b"S"
+"""Return a command for a reading."""
+
+# Letters of its answers.
+_READY = b"R"
+"""It is done."""
+
+_COMMAND = b"C"
+"""The command, and the processor time that it took."""
+
+_DECLINED = b"D"
+"""The entry does not take part; a sentence says why."""
+
+_ERROR = b"E"
+"""The entry failed; a sentence says how."""
 
 _LAST_WORDS = 5.0
 """Time for which a process that has closed its pipes may take to end [s]."""

@@ -36,11 +36,12 @@ SHORT_DIGEST = 12
 lie on one desk do not share them by chance."""
 
 MAX_RECORD = 20_000_000
-"""Largest record that is read [byte]: texts of a site and a chart of 5 MB each, as JSON writes
-them."""
+"""Largest record that is read [byte]: the texts of a site and a chart, of at most 5 MB each, and as
+much again for the tables and for what JSON writes in place of quotes and line ends."""
 
 MAX_LIFTS = 1_000_000
-"""Most perturbed lifts that are judged because a record asks for them."""
+"""Most perturbed lifts that are judged because a record asks for them: lifts whose load, cable,
+wind and sensors differ from the plan."""
 
 MAX_GUSTS = 10_000
 """Most gusts that are judged because a record asks for them."""
@@ -97,17 +98,18 @@ class PlanOptions:
         crane: Name of the file of the crane; None for that of the site.
         load: Mass of all that hangs [kg]; None for that of the site.
         falls: Number of falls; None for that of the site.
-        hoisting: Hoisting class of the crane.
-        drive: Class of its hoist drive.
+        hoisting: Hoisting class of the crane, HC1 to HC4 of EN 13001-2.
+        drive: Class of its hoist drive, HD1 to HD5 of the same.
         wind: Gust to bear [m/s]; None for that of the site.
         swing: Largest angle of the rope in gusts [degrees]; None for that of the site.
-        risk: Largest probability of coming too near [%]; None for that of the site.
-        lifts: Number of perturbed lifts.
+        risk: Largest probability that a perturbed lift comes nearer to an obstacle than the site
+            allows [%]; None for that of the site.
+        lifts: Number of perturbed lifts, see `MAX_LIFTS`.
         gusts: Number of gusts at each speed.
         gravity: Gravity [m/s²].
         dt: Physics step [s].
         control_period: Control period [s].
-        engine: Engine of the simulation.
+        engine: Engine of the simulation, see `cranedyn.simulation.simulate.simulate`.
         values: Numbers of the crane by name.
     """
 
@@ -158,7 +160,8 @@ class PlanInputs:
         options: What was given beside the files.
         files: The files.
         crane: SHA-256 of the crane as it was loaded: its description and its values.
-        versions: Versions of the programs by name.
+        versions: Versions by name of Python, of cranedyn, and of the packages that plan and
+            simulate.
     """
 
     options: PlanOptions
@@ -240,7 +243,8 @@ class PlanRecord:
     """The record of a lift plan.
 
     Attributes:
-        revision: Number of the revision, from 1.
+        revision: Number of the revision, from 1. It is not part of the digest: the same lift,
+            judged again, is the same plan.
         inputs: What was judged.
         result: What came of it.
         documents: SHA-256 of the documents that show it, by name.
@@ -413,6 +417,11 @@ def read_plan_record(path: Path) -> PlanRecord:
 
 class DigestMismatch(DataError):
     """The content of a record has another digest than it states: somebody has changed it."""
+
+
+# The bounds below are far above what a plan has. They keep the file of a stranger from taking memory
+# and time. A signature may be of another digest than the record's: that it is not of this plan, which
+# `cranedyn.lifts.judging.plan_folder.document_checks` says, is no fault of the file.
 
 
 class _Refused(Exception):

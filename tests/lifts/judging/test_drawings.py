@@ -124,10 +124,14 @@ def test_the_envelope_holds_all_footprints_and_the_exclusion_zone_holds_the_enve
 
 
 def test_a_part_flies_as_far_as_a_projectile_that_is_stepped() -> None:
-    speed, upward, height, gravity = 1.7, 0.8, 21.0, 9.81
+    speed = 1.7
+    upward = 0.8
+    height = 21.0
+    gravity = 9.81
     dt = 1e-5
     t = 0.0
-    z, rate = height, upward
+    z = height
+    rate = upward
     while z > 0.0:
         rate -= gravity * dt
         z += rate * dt

@@ -1,4 +1,8 @@
-"""Plan and elevation of a lift, from the shapes that its distances are computed from."""
+"""Plan and elevation of a lift, from the shapes that its distances are computed from, so that the
+drawings show what was judged.
+
+Points are in the frame of the site [m]; in an elevation, to the right and upwards in its plane.
+"""
 
 from __future__ import annotations
 
@@ -141,7 +145,8 @@ class LiftScene:
 
     def hook_height(self, index: int) -> float:
         """Return the height of the saddle of the hook above the ground at a position [m]: from the
-        rigging as entered, or that of the hook that the distances are computed with.
+        lifting points upwards by the rigging as entered, or else the underside of the hook that the
+        distances are computed with.
         """
         ground = self.analysis.site.ground
         details = self.analysis.site.details
@@ -306,6 +311,8 @@ def reach_of(scene: LiftScene) -> tuple[float, float]:
     assert turning is not None
     axis = scene.shapes[0].axis
     assert axis is not None
+    # Two drives carry the upper end of the rope: one turns it, the other moves it in and out. One
+    # that slides and stands before the slew moves the slew axis itself, and no radius.
     other = 1 - turning
     joint = clearance.drive_joints[other]
     places = np.tile(scene.positions[0].place, (_REACH_SAMPLES, 1))
