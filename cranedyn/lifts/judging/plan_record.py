@@ -419,9 +419,9 @@ class DigestMismatch(DataError):
     """The content of a record has another digest than it states: somebody has changed it."""
 
 
-# The bounds below are far above what a plan has. They keep the file of a stranger from taking memory
-# and time. A signature may be of another digest than the record's: that it is not of this plan, which
-# `cranedyn.lifts.judging.plan_folder.document_checks` says, is no fault of the file.
+# The bounds below are far above what a plan has. They keep the file of a stranger from taking
+# memory and time. A signature may be of another digest than the record's: that it is not of this
+# plan, which `cranedyn.lifts.judging.plan_folder.document_checks` says, is no fault of the file.
 
 
 class _Refused(Exception):
