@@ -196,6 +196,13 @@ EXPERIMENTS = {
         "Attach, carry, set down, release: impacts and energy.",
         figures={"round_trip": "Height and pull of the rope; shaded where the box hangs or lies."},
     ),
+    "rope": Entry(
+        "A rope with mass",
+        "A heavy rope: periods, pull, winding up; sheaves that rub.",
+        figures={
+            "rope": "Errors by number of bodies; angle of the load in hoisting; force of the hoist."
+        },
+    ),
     "ship": Entry(
         "A crane on a ship",
         "A base that moves: resonance, heave compensation, swing control.",
@@ -252,6 +259,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "linear_vs_full": "25 s",
         "ship": "1 min",
         "hook": "10 s",
+        "rope": "30 s",
         "cranes": "1 min",
     },
     "Control": {

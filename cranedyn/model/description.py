@@ -57,6 +57,9 @@ class CraneValues(TypedDict, total=False):
     fall_spacing: float  # m
     damp_yaw: float  # N m s/rad
     drum_inertia: float  # kg
+    rope_mass: float  # kg/m
+    rope_bodies: float
+    damp_rope: float  # N m s/rad
     tower_twist_stiffness: float  # N m/rad
     slew_drive_inertia: float  # kg m^2
     tower_bend_stiffness: float  # N m/rad
@@ -78,6 +81,7 @@ class CraneValues(TypedDict, total=False):
     damp_trolley: float  # N s/m
     damp_swing: float  # N m s/rad
     damp_hoist: float  # N s/m
+    friction_hoist: float  # N
 
     slew_limit: float  # rad
     trolley_min: float  # m

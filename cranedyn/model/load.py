@@ -39,7 +39,7 @@ from cranedyn.model.joints import (
 from cranedyn.model.layout import Joint, Layout
 from cranedyn.model.locked import Locked, lock_joints
 from cranedyn.model.machines import read_machine
-from cranedyn.model.mimics import coupling_of, limit_leaders, read_mimics
+from cranedyn.model.mimics import Coupling, coupling_of, limit_leaders, read_mimics
 from cranedyn.model.mjcf import read_mjcf
 from cranedyn.model.pendulum import pendulum_note
 from cranedyn.model.sdf import read_sdf
@@ -466,10 +466,11 @@ def _crane(
     springs = read_springs(robot, Layout(joints, points=()), path)
     points = force_points(model, joints, payload, springs.elastic)
     layout = Layout(joints, tuple(point.name for point in points))
-    if coupling is not None and (springs.rope is not None or springs.bifilar is not None):
+    if coupling is not None and springs.rope is not None and springs.rope.inextensible:
         raise ModelError(
-            f"{path} has joints that mimic others, and a rope that stretches or two falls; allowed "
-            "is one of both."
+            f"{path} has joints that mimic others, as those of a rope with mass do, and a rope "
+            "that may go slack but does not stretch; allowed is one of both. Give the rope a "
+            "stiffness, or make it rigid."
         )
 
     _check_payload_mass(model, joints, payload, path)
@@ -488,7 +489,7 @@ def _crane(
     q = _start(robot, layout, model)
     if coupling is not None:
         q = coupling.complete(q)
-    _check_solvable(model, q, layout, path)
+    _check_solvable(model, q, layout, path, coupling)
 
     friction_efforts = read_friction(robot, layout)
     check_stretch(springs, model.damping, friction_efforts, layout, path)
@@ -678,12 +679,16 @@ def _check_range(model: pin.Model, layout: Layout, index: int) -> None:
         number("shortest cable", low, "m", "> 0")
 
 
-def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path) -> None:
+def _check_solvable(
+    model: pin.Model, q: np.ndarray, layout: Layout, path: Path, coupling: Coupling | None
+) -> None:
     """Check that accelerations can be computed at coordinates q.
 
     The mass matrix, scaled to a unit diagonal, must be far enough from singular. The articulated-
     body algorithm, whose intermediate numbers differ from those of the mass matrix, must give the
     same accelerations under the largest efforts of the drives; a difference shows lost digits.
+    Where joints follow others it is the mass matrix of the others that must not be singular, and
+    no engine uses that algorithm.
 
     Raises:
         ModelError: If a joint moves no mass, or accelerations lose their digits.
@@ -691,6 +696,8 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
     """
     data = model.createData()
     mass = pin.crba(model, data, q)
+    if coupling is not None:
+        mass = coupling.reduce(mass)
     diagonal = np.diag(mass)
     energy = pin.computePotentialEnergy(model, data, q)
     if not (np.isfinite(mass).all() and math.isfinite(energy) and (diagonal > 0.0).all()):
@@ -713,6 +720,9 @@ def _check_solvable(model: pin.Model, q: np.ndarray, layout: Layout, path: Path)
         owner = "this crane" if path == XACRO else str(path)
         name = f"smallest eigenvalue of the scaled mass matrix of {owner}"
         raise OutOfRange(name, f"{smallest:.1e}", allowed)
+
+    if coupling is not None:
+        return
 
     # M a = τ - b in scaled numbers: D^½ a = (D^-½ M D^-½)⁻¹ D^-½ (τ - b).
     zeros = np.zeros(layout.n)

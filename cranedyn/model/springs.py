@@ -6,6 +6,7 @@ from __future__ import annotations
 
 import xml.etree.ElementTree as ET
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,10 @@ from cranedyn.errors import ModelError, UnknownName
 from cranedyn.model.layout import ALIGNED, Layout
 from cranedyn.model.mimics import Coupling
 
-_SPRING_TAGS = ("springStiffness", "springReference", "ropeStiffness", "fallSpacing")
+_ROPE_TAGS = ("ropeStiffness", "fallSpacing", "ropeMass", "ropeMassLength")
+"""Tags of a URDF that describe the rope, each of which one joint may have."""
+
+_SPRING_TAGS = ("springStiffness", "springReference", *_ROPE_TAGS)
 """Tags of a URDF that are read here, see `read_springs`."""
 
 
@@ -82,6 +86,31 @@ class Bifilar(NamedTuple):
         return self.stiffness * np.sin(q[self.yaw]) / q[self.length]
 
 
+class RopeMass(NamedTuple):
+    """The mass of a rope that the hoist pays out and winds up.
+
+    Bodies along the rope carry the mass μ l₀ that its free part has at the length l₀ of the start.
+    They are as many at any length, and as heavy, so that their potential energy is -μ g l₀ l/2,
+    where it should be that of a rope from the pivot, -μ g l²/2. The difference
+
+        U = -μ g l (l - l₀)/2 = -½ μ g (l - l₀/2)² + constant
+
+    is that of a spring between the pivot and the hook: of negative stiffness, since each metre that
+    is paid out weighs on the hoist. With it the hoist holds the weight of the load and of all the
+    rope that hangs, μ g l, at any length. What is left out, is the change of the inertia, and that
+    U does not depend on how far the rope leans.
+
+    Attributes:
+        length: Index of the coordinate that is the cable length l.
+        mass: Mass of a metre of all falls together, μ [kg/m].
+        carried: Length l₀ whose mass the bodies have [m].
+    """
+
+    length: int
+    mass: float
+    carried: float
+
+
 @dataclass(frozen=True, eq=False)
 class Springs:
     """A linear spring in each joint, a rope that may go slack, and two falls that resist yaw.
@@ -92,12 +121,14 @@ class Springs:
         rope: The rope that may stretch or go slack; None for one that does neither, whose length is
             the coordinate of the hoist.
         bifilar: The two falls; None if the load hangs on a single line.
+        rope_mass: The mass that the hoist pays out; None for a rope without mass.
     """
 
     stiffness: np.ndarray
     rest: np.ndarray
     rope: Rope | None = None
     bifilar: Bifilar | None = None
+    rope_mass: RopeMass | None = None
 
     @cached_property
     def elastic(self) -> np.ndarray:
@@ -107,12 +138,14 @@ class Springs:
             elastic[self.rope.stretch] = True
         if self.bifilar is not None:
             elastic[self.bifilar.yaw] = True
+        if self.rope_mass is not None:
+            elastic[self.rope_mass.length] = False  # a weight, see `RopeMass`
         return elastic
 
     @cached_property
     def any(self) -> bool:
-        """Whether there is any spring."""
-        return bool(self.elastic.any())
+        """Whether there is any spring, or a weight that the hoist pays out."""
+        return bool(self.elastic.any()) or self.rope_mass is not None
 
     def in_units(self, force: Any) -> Springs:
         """Return the springs with forces in units of 1/`force` newtons."""
@@ -127,19 +160,34 @@ class Springs:
             self.rest,
             rope,
             falls,
+            self.rope_mass,
         )
 
     def carrying(self, model: pin.Model) -> Springs:
-        """Return the springs with the stiffness of the two falls set to W a²: W is the weight of
-        all that the joint of their length moves in a model, whether it yaws or not.
+        """Return the springs with what depends on gravity and masses of a model.
+
+        The stiffness of the two falls is W a²: W is the weight of all that the joint of their
+        length moves, whether it yaws or not. The mass of the rope acts on the hoist as a spring of
+        the stiffness -μ g that is slack at half of the length whose mass the bodies have.
         """
+        gravity = -float(model.gravity.linear[2])
+        if self.rope_mass is not None:
+            length = self.rope_mass.length
+            stiffness = self.stiffness.copy()
+            rest = self.rest.copy()
+            stiffness[length] = -gravity * self.rope_mass.mass
+            rest[length] = 0.5 * self.rope_mass.carried
+            return replace(self, stiffness=stiffness, rest=rest)._with_falls(model, gravity)
+        return self._with_falls(model, gravity)
+
+    def _with_falls(self, model: pin.Model, gravity: float) -> Springs:
+        """Return the springs with the stiffness of the two falls, see `carrying`."""
         falls = self.bifilar
         if falls is None:
             return self
         # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
         mass = sum(model.inertias[body].mass for body in list(model.subtrees[falls.length + 1]))
-        weight = -float(model.gravity.linear[2]) * mass
-        stiffness = weight * (0.5 * falls.spacing) ** 2
+        stiffness = gravity * mass * (0.5 * falls.spacing) ** 2
         return replace(self, bifilar=falls._replace(stiffness=stiffness))
 
     def free(self, joints: np.ndarray) -> np.ndarray:
@@ -230,36 +278,25 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
     is in a tag of this project, ``<ropeStiffness>``: EA [N], inf for an inextensible rope, at the
     joint that is the stretch of the rope, whose length is the joint in the role hoist. So are two
     falls of this length, ``<fallSpacing>``: their distance [m], at the joint about which all that
-    hangs on them yaws.
+    hangs on them yaws. The mass of a metre of the rope, all falls together, is ``<ropeMass>``
+    [kg/m] at the hoist; bodies above it carry the mass of ``<ropeMassLength>`` [m], see `RopeMass`.
 
     Raises:
         UnknownName: If a spring is at no moving joint.
         MissingRole: If there is a rope or two falls, and no joint has the role hoist.
         ModelError: If a tag is given twice, or the stretch of the rope is no passive prismatic
-            joint, or the yaw no passive joint about the vertical, or there are both.
+            joint, or the yaw no passive joint about the vertical, or there are both, or the mass of
+            the rope is not at the hoist.
         OutOfRange: If a number is not finite, or a stiffness negative.
     """
     stiffness = np.zeros(layout.n)
     rest = np.zeros(layout.n)
     rope = None
     falls = None
-    names = [joint.name for joint in layout.joints]
-    elements = _spring_elements(robot)
-    counts = Counter((name, element.tag) for name, element in elements)
-    for tag in ("ropeStiffness", "fallSpacing"):
-        places = [name for name, element in elements if element.tag == tag]
-        if len(set(places)) > 1:
-            raise ModelError(
-                f"{path} gives {tag} of {' and of '.join(places)}; allowed is one joint, since a "
-                "crane has one rope."
-            )
-    for name, element in elements:
-        if name not in names:
-            raise UnknownName("moving joint", name, names)
-        if counts[name, element.tag] > 1:
-            raise ModelError(f"{path} gives {element.tag} of {name} twice; allowed is once.")
-        index = names.index(name)
+    rope_mass: dict[str, float] = {}
+    for index, element in _checked_elements(robot, layout, path):
         joint = layout.joints[index]
+        name = joint.name
         text = (element.text or "").strip()
         if element.tag == "springStiffness":
             unit = "N m/rad" if joint.kind == "revolute" else "N/m"
@@ -268,14 +305,79 @@ def read_springs(robot: ET.Element, layout: Layout, path: Path) -> Springs:
             rest[index] = number(f"rest position of the spring of {name}", text, joint.unit)
         elif element.tag == "fallSpacing":
             falls = _read_falls(layout, index, text, path)
-        else:
+        elif element.tag == "ropeStiffness":
             rope = _read_rope(layout, index, text, path)
+        else:
+            if joint.role != "hoist":
+                raise ModelError(f"{path} gives {element.tag} to {name}; it must be the hoist.")
+            unit = "kg/m" if element.tag == "ropeMass" else "m"
+            rope_mass[element.tag] = number(f"{element.tag} of {name}", text, unit, "> 0")
     if rope is not None and falls is not None:
         raise ModelError(
             f"{path} has two falls and a rope that stretches or may go slack; allowed is one of "
             "both (rope_stiffness or fall_spacing 0)."
         )
-    return Springs(stiffness, rest, rope, falls)
+    return Springs(stiffness, rest, rope, falls, _rope_mass(rope_mass, stiffness, layout, path))
+
+
+def _checked_elements(
+    robot: ET.Element, layout: Layout, path: Path
+) -> list[tuple[int, ET.Element]]:
+    """Return the elements of a URDF that describe springs and ropes, each with the index of its
+    joint.
+
+    Raises:
+        UnknownName: If one is at no moving joint.
+        ModelError: If a joint has two of a kind, or two joints describe a rope.
+    """
+    names = [joint.name for joint in layout.joints]
+    elements = _spring_elements(robot)
+    counts = Counter((name, element.tag) for name, element in elements)
+    for tag in _ROPE_TAGS:
+        places = [name for name, element in elements if element.tag == tag]
+        if len(set(places)) > 1:
+            raise ModelError(
+                f"{path} gives {tag} of {' and of '.join(places)}; allowed is one joint, since a "
+                "crane has one rope."
+            )
+    checked = []
+    for name, element in elements:
+        if name not in names:
+            raise UnknownName("moving joint", name, names)
+        if counts[name, element.tag] > 1:
+            raise ModelError(f"{path} gives {element.tag} of {name} twice; allowed is once.")
+        checked.append((names.index(name), element))
+    return checked
+
+
+def _rope_mass(
+    values: Mapping[str, float], stiffness: np.ndarray, layout: Layout, path: Path
+) -> RopeMass | None:
+    """Return the mass that the hoist pays out; None for a rope without mass.
+
+    Args:
+        values: Mass of a metre of all falls [kg/m] and length whose mass the bodies have [m], by
+            tag.
+        stiffness: Stiffness of the spring of each joint, shape (n,).
+        layout: Joints of the crane.
+        path: File for error messages.
+
+    Raises:
+        ModelError: If one of the two is missing, or the hoist has a spring, too.
+    """
+    if not values:
+        return None
+    if len(values) == 1:
+        raise ModelError(
+            f"{path} gives {next(iter(values))} alone; ropeMass and ropeMassLength need each other."
+        )
+    hoist = layout.role("hoist", "A rope with mass")
+    if stiffness[hoist]:
+        raise ModelError(
+            f"{path} gives a spring and a rope with mass to {layout.joints[hoist].name}; allowed "
+            "is one of both."
+        )
+    return RopeMass(hoist, values["ropeMass"], values["ropeMassLength"])
 
 
 def _spring_elements(robot: ET.Element) -> list[tuple[str, ET.Element]]:

@@ -36,6 +36,7 @@ from cranedyn.dynamics.contact import ON_GROUND
 from cranedyn.dynamics.equations_of_motion import body_points
 from cranedyn.errors import DataError, quoted
 from cranedyn.model.crane import Crane, Point
+from cranedyn.model.heavy_rope import rope_bodies
 from cranedyn.model.springs import Bifilar, Rope
 
 CONTACT = "#F22B05"
@@ -426,8 +427,9 @@ def _turn_z_along(axis: np.ndarray) -> tuple[float, float, float]:
 def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     """Return the points of the rope in the world [m], shape (rows, points, 3).
 
-    They are the pivot, the hook if there is one, and the payload. A rope that may go slack has
-    points in between, by which it sags. Two falls have the ends of both.
+    They are the pivot, the bodies of a rope with mass, the hook if there is one, and the payload. A
+    rope without mass that may go slack has points in between, by which it sags. Two falls have the
+    ends of both.
 
     Args:
         crane: The crane.
@@ -437,6 +439,9 @@ def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     # The payload is the first point of a crane, and the last of its rope.
     order = [*range(1, len(crane.points)), 0]
     points = point_paths(crane, q)[:, order]
+    bodies = [Point("", body, np.zeros(3)) for body in rope_bodies(crane)]
+    if bodies:
+        return np.concatenate([points[:, :1], point_paths(crane, q, bodies), points[:, 1:]], axis=1)
     if crane.springs.bifilar is not None:
         return _two_falls(crane, crane.springs.bifilar, q, points)
     if crane.springs.rope is not None:

@@ -11,6 +11,7 @@ smaller load of both counts.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
@@ -92,6 +93,46 @@ class Reeving:
         whole("number of falls", self.falls, 1)
         number("efficiency of a sheave", self.efficiency, "", "0.5 to 1")
         number("radius of the drum", self.drum_radius, "m", "> 0")
+
+    @classmethod
+    def over_sheaves(
+        cls, falls: int, friction: float, wrap: float = math.pi, drum_radius: float = 0.2
+    ) -> Reeving:
+        """Return the reeving whose rope rubs on its sheaves: a sheave passes on the share e^{-μα}
+        of its pull, see `cranedyn.theory.capstan`.
+
+        Args:
+            falls: Number of falls that carry the hook.
+            friction: Coefficient of friction μ; that of a bearing times the radius of its pin over
+                that of the sheave, for a sheave that turns.
+            wrap: Angle α of the rope on a sheave [rad].
+            drum_radius: Radius of the drum at the rope's axis [m].
+
+        Raises:
+            OutOfRange: If a number is out of its range, or a sheave passes on less than half.
+        """
+        number("coefficient of friction", friction, "", ">= 0")
+        within("angle of the rope on a sheave", wrap, 0.0, 4.0 * math.pi, "rad")
+        return cls(falls, 1.0 / theory.capstan(friction, wrap), drum_radius)
+
+    def friction(self, weight: float) -> float:
+        """Return the dry friction that sheaves put on the hoist under a weight [N]: the argument
+        `friction_hoist` of a crane.
+
+        The drive of the hoist pulls with n F, the pull F of the line on n falls. That is more than
+        the weight in hoisting and less in lowering. The friction is the mean of both differences,
+        which are nearly equal; it does not follow the tension of a load that swings.
+
+        Args:
+            weight: Weight on the falls [N].
+
+        Raises:
+            OutOfRange: If the weight is not finite, or is negative.
+        """
+        number("weight", weight, "N", ">= 0")
+        hoisting = 1.0 / theory.reeving_efficiency(self.falls, self.efficiency)
+        lowering = 1.0 / theory.reeving_efficiency(self.falls, 1.0 / self.efficiency)
+        return 0.5 * weight * (hoisting - lowering)
 
     def line_pull(self, tension: np.ndarray, rate: np.ndarray) -> np.ndarray:
         """Return the pull of the line on the drum [N] from the tension of all falls together [N]

@@ -1,0 +1,198 @@
+"""The drum of a hoist: how far the rope fills it, how it turns, and what torque it takes.
+
+A rope winds up in layers. Each layer lies in the grooves between the turns of the one below, so
+that its axis is d √3/2 farther out for a rope of the diameter d. The radius, and with it torque
+and speed of the drum, changes from layer to layer by this step.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from cranedyn.checks import number, whole
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.errors import OutOfRange
+from cranedyn.lifts.judging.chart import Reeving
+from cranedyn.model.crane import Crane
+
+
+@dataclass(frozen=True)
+class Drum:
+    """A drum with its rope.
+
+    Attributes:
+        radius: Radius of the bare drum [m].
+        width: Its width between the flanges [m].
+        rope_diameter: Diameter of the rope [m].
+        layers: Number of layers that it takes.
+        inertia: Moment of inertia of the drum about its axis with all that turns with it, a motor
+            of the inertia J behind a gear of the ratio i counted as J i² [kg m²].
+
+    Raises:
+        OutOfRange: If a number is out of its range, or not a single turn fits on the width.
+    """
+
+    radius: float
+    width: float
+    rope_diameter: float
+    layers: int = 1
+    inertia: float = 0.0
+
+    def __post_init__(self) -> None:
+        """Check the numbers."""
+        number("radius of the drum", self.radius, "m", "> 0")
+        number("width of the drum", self.width, "m", "> 0")
+        number("diameter of the rope", self.rope_diameter, "m", "> 0")
+        whole("layers of the drum", self.layers, 1)
+        number("inertia of the drum", self.inertia, "kg m²", ">= 0")
+        if self.turns < 1:
+            allowed = f">= {self.rope_diameter:g}, the diameter of its rope"
+            raise OutOfRange("width of the drum", self.width, allowed, "m")
+
+    @property
+    def turns(self) -> int:
+        """Turns of a layer."""
+        # A width that is a multiple of the diameter must not lose a turn by round-off.
+        return math.floor(self.width / self.rope_diameter * (1.0 + 1e-12))
+
+    def layer_radius(self, layer: int) -> float:
+        """Return the radius of the axis of the rope in a layer [m]; the first layer is 0."""
+        step = self.rope_diameter * math.sqrt(3.0) / 2.0
+        return self.radius + 0.5 * self.rope_diameter + layer * step
+
+    @property
+    def capacity(self) -> float:
+        """Length of the rope that fills all layers [m]."""
+        return float(self._full()[1][-1])
+
+    def _full(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the angle [rad] at which each layer begins and the last one ends, and the length
+        that is wound there [m], shape (layers + 1,) each.
+        """
+        radii = [self.layer_radius(layer) for layer in range(self.layers)]
+        angle = 2.0 * math.pi * self.turns
+        ends = angle * np.arange(self.layers + 1)
+        lengths = np.concatenate([[0.0], angle * np.cumsum(radii)])
+        return ends, lengths
+
+    def angle(self, wound: np.ndarray) -> np.ndarray:
+        """Return the angle by which the drum has turned since it was empty [rad], from the lengths
+        wound up [m], of the same shape.
+
+        Raises:
+            OutOfRange: If a length is below 0 or beyond the capacity.
+        """
+        wound = self._checked(wound)
+        ends, lengths = self._full()
+        return np.interp(wound, lengths, ends)
+
+    def radius_at(self, wound: np.ndarray) -> np.ndarray:
+        """Return the radius of the axis of the rope where it runs onto the drum [m], from the
+        lengths wound up [m], of the same shape.
+
+        Raises:
+            OutOfRange: If a length is below 0 or beyond the capacity.
+        """
+        wound = self._checked(wound)
+        _, lengths = self._full()
+        radii = np.array([self.layer_radius(layer) for layer in range(self.layers)])
+        layer = np.searchsorted(lengths, wound, side="right") - 1
+        return radii[np.clip(layer, 0, self.layers - 1)]
+
+    def _checked(self, wound: np.ndarray) -> np.ndarray:
+        """Return lengths as an array, checked."""
+        lengths = np.asarray(wound, dtype=float)
+        # Written so that NaN is refused, too.
+        outside = ~((lengths >= 0.0) & (lengths <= self.capacity))
+        if outside.any():
+            worst = float(np.atleast_1d(lengths)[np.atleast_1d(outside)][0])
+            allowed = f"0 to {self.capacity:g}, which fills its {self.layers} layers"
+            raise OutOfRange("rope wound on the drum", worst, allowed, "m")
+        return lengths
+
+
+@dataclass(frozen=True)
+class Winch:
+    """A drum, the reeving between it and the hook, and the length of the rope.
+
+    Attributes:
+        drum: The drum.
+        reeving: The reeving.
+        rope_length: Length of the rope from the drum to its dead end that would be wound up with
+            the hook at the pivot, at the cable length 0 [m].
+
+    Raises:
+        OutOfRange: If the length is not positive, or the drum cannot take it.
+    """
+
+    drum: Drum
+    reeving: Reeving
+    rope_length: float
+
+    def __post_init__(self) -> None:
+        """Check the length."""
+        number("length of the rope", self.rope_length, "m", "> 0")
+        if self.rope_length > self.drum.capacity:
+            allowed = f"up to {self.drum.capacity:g}, the capacity of the drum"
+            raise OutOfRange("length of the rope", self.rope_length, allowed, "m")
+
+    def wound(self, length: np.ndarray) -> np.ndarray:
+        """Return the lengths that are wound up [m] at cable lengths [m], of the same shape.
+
+        Each metre of cable takes a metre of rope for each fall.
+
+        Raises:
+            OutOfRange: If a cable length is below 0, or the rope is too short for it.
+        """
+        lengths = np.asarray(length, dtype=float)
+        longest = self.rope_length / self.reeving.falls
+        # Written so that NaN is refused, too.
+        outside = ~((lengths >= 0.0) & (lengths <= longest))
+        if outside.any():
+            worst = float(np.atleast_1d(lengths)[np.atleast_1d(outside)][0])
+            allowed = f"0 to {longest:g}, at which the drum is empty"
+            raise OutOfRange("cable length", worst, allowed, "m")
+        return self.rope_length - self.reeving.falls * lengths
+
+    def mass_at_hook(self, length: float) -> float:
+        """Return the mass at the hook that is as inert as the drum is at a cable length [kg]: the
+        argument `drum_inertia` of a crane whose rope stretches.
+
+        The drum turns by n v/r where the hook moves at v on n falls: m = J (n/r)².
+
+        Raises:
+            OutOfRange: If the rope is too short for the cable length.
+        """
+        radius = float(self.drum.radius_at(self.wound(np.array(length))))
+        return self.drum.inertia * (self.reeving.falls / radius) ** 2
+
+    def columns(self, crane: Crane, run: Trajectory) -> dict[str, np.ndarray]:
+        """Return what the winch does in each row of a run: the pull of the line [N], the length
+        wound up [m], the angle since the drum was empty [rad] and its rate [rad/s], hoisting
+        positive, the radius of the layer [m], and the torque on the drum [N m].
+
+        The torque holds the pull of the line and accelerates the inertia of the drum. Where the
+        radius changes from a layer to the next, the rate jumps; that jump counts for nothing.
+
+        Raises:
+            MissingRole: If the crane has no hoist.
+            OutOfRange: If the rope is too short for a row of the run.
+            CraneError: As `cranedyn.lifts.judging.loads.loads`.
+        """
+        hoist = crane.layout.role("hoist", "The winch")
+        line = self.reeving.columns(crane, run)["line_N"]
+        wound = self.wound(run.q[:, hoist])
+        radius = self.drum.radius_at(wound)
+        falls = self.reeving.falls
+        acceleration = -falls * np.gradient(run.v[:, hoist], run.t) / radius
+        return {
+            "line_N": line,
+            "wound_m": wound,
+            "drum_rad": self.drum.angle(wound),
+            "drum_rad_s": -falls * run.v[:, hoist] / radius,
+            "layer_m": radius,
+            "drum_Nm": line * radius + self.drum.inertia * acceleration,
+        }

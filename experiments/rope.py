@@ -1,0 +1,518 @@
+"""A rope with mass, and sheaves that rub: periods, pull and winding up beside closed forms.
+
+The rope of the tower crane weighs 78 kg where it hangs 15 m on four falls, beside a load of 1 t.
+Bodies on it are compared with the Bessel functions of a heavy rope, its pull with the weight of all
+that hangs, and hoisting with an independent solution of a running rope. At last a hoist with
+friction in its sheaves raises and lowers a load.
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from cranedyn import theory
+from cranedyn.controllers import follow
+from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.bodies import point_paths
+from cranedyn.dynamics.equations_of_motion import holding_effort, natural_frequencies
+from cranedyn.lifts.judging.chart import Reeving
+from cranedyn.lifts.judging.drum import Drum, Winch
+from cranedyn.model.crane import Crane
+from cranedyn.model.heavy_rope import bodies_for, rope_bends
+from cranedyn.plotting.figures import legend_above, panels
+from cranedyn.references import spline
+from experiments import harness
+from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
+from experiments.scenarios.crane_variants import POINT
+from experiments.scenarios.running_rope import RunningRope, smooth_hoisting
+
+LOAD = 1000.0
+"""Mass of the load [kg]."""
+
+FALLS = 4
+"""Falls that carry it."""
+
+ROPE_MASS = 1.3
+"""Mass of a metre of steel rope of 18 mm [kg/m]."""
+
+LENGTH = 15.0
+"""Cable length of the frequencies [m]."""
+
+BODIES = (1, 2, 3, 4, 6, 8, 12)
+"""Numbers of bodies of which the frequencies are compared."""
+
+MODES = 3
+"""Frequencies that are compared: the swing and two vibrations of the rope."""
+
+USUAL_BODIES = 3
+"""Bodies of the runs: the default of the crane."""
+
+LENGTHS = (5.0, 10.0, 15.0, 20.0, 25.0)
+"""Cable lengths at which the hoist holds the load [m]."""
+
+SMALL_SWING = 1e-3
+"""Swing at the start of the runs that are compared with linear theory [rad]."""
+
+HOISTED = (25.0, 10.0)
+"""Cable length from which, and to which, the swinging load is hoisted [m]."""
+
+HOISTING = 40.0
+"""Time for it [s]."""
+
+AFTERWARDS = 10.0
+"""Time for which the load swings on at the last length [s]."""
+
+SHEAVE_FRICTION = 0.01
+"""Coefficient of friction of a rope on its sheaves, half a turn each: rolling bearings pass on some
+97 to 98 % of a pull."""
+
+RAISED = (15.0, 10.0)
+"""Cable lengths between which the hoist with friction goes [m]."""
+
+RAISING = 12.0
+"""Time for each way [s]."""
+
+STANDING = 4.0
+"""Time at rest before and after each [s]."""
+
+DRUM = Drum(radius=0.25, width=0.8, rope_diameter=0.018, layers=4, inertia=60.0)
+"""Drum of that hoist."""
+
+LINE = 120.0
+"""Rope of it, wound up with the hook at the pivot [m]."""
+
+
+# --- frequencies ----------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Frequencies:
+    """Frequencies of small swings with some bodies on the rope.
+
+    Attributes:
+        bodies: Number of bodies.
+        found: Frequencies of the crane [rad/s], those of the swing and vibrations along the jib.
+        exact: Those of a heavy rope by Bessel functions, as many [rad/s].
+    """
+
+    bodies: int
+    found: np.ndarray
+    exact: np.ndarray
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Relative errors of the frequencies."""
+        return self.found / self.exact - 1.0
+
+
+def heavy_crane(setup: Setup, bodies: int = USUAL_BODIES, **values: float) -> Crane:
+    """Return the tower crane with a point load on a rope with mass, without damping."""
+    rope = {"falls": FALLS, "rope_mass": ROPE_MASS, "rope_bodies": bodies}
+    return setup.variant(**POINT, payload_mass=LOAD, **rope, **values)
+
+
+def frequencies(setup: Setup) -> list[Frequencies]:
+    """Return the frequencies with several numbers of bodies."""
+    rows = []
+    for bodies in BODIES:
+        crane = heavy_crane(setup, bodies, hoist_init=LENGTH)
+        radial = [crane.layout.index("phi")]
+        # The bends of a body are two joints, the first of them along the jib as the radial swing.
+        radial += rope_bends(crane)[::2]
+        modes = min(MODES, bodies + 1)
+        found = natural_frequencies(crane, crane.start.q, np.array(radial))[:modes]
+        exact = theory.heavy_rope(LENGTH, FALLS * ROPE_MASS, LOAD, crane.gravity, modes)
+        rows.append(Frequencies(bodies, found, exact))
+    return rows
+
+
+# --- pull -----------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Pull:
+    """What the hoist holds at a cable length.
+
+    Attributes:
+        length: Cable length [m].
+        held: Force of the hoist [N].
+        weight: Weight of the load and of the rope that hangs [N].
+    """
+
+    length: float
+    held: float
+    weight: float
+
+
+def pulls(setup: Setup) -> list[Pull]:
+    """Return what the hoist of a crane that was loaded at `LENGTH` holds at other lengths."""
+    crane = heavy_crane(setup, hoist_init=LENGTH)
+    hoist = crane.layout.drive("l")
+    rows = []
+    for length in LENGTHS:
+        q = crane.hanging(crane.state(l=length).q)
+        weight = (LOAD + FALLS * ROPE_MASS * length) * crane.gravity
+        rows.append(Pull(length, -float(holding_effort(crane, q)[hoist]), weight))
+    return rows
+
+
+# --- a rope that is wound up ----------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Hoisting:
+    """A load that swings while its rope is wound up.
+
+    Attributes:
+        crane: The crane.
+        run: The run.
+        angles: Angle of the line from pivot to load at each row [rad].
+        exact: The same of the running rope.
+        massless: The same of a crane whose rope has no mass.
+    """
+
+    crane: Crane
+    run: Trajectory
+    angles: np.ndarray
+    exact: np.ndarray
+    massless: np.ndarray
+
+    def amplitude(self, angles: np.ndarray) -> float:
+        """Return the largest angle after hoisting [rad]."""
+        return float(np.abs(angles[self.run.t >= HOISTING]).max())
+
+    def delay(self, angles: np.ndarray) -> float:
+        """Return by how much the last zero of an angle is later than that of the running rope
+        [s].
+        """
+        return _last_zero(self.run.t, angles) - _last_zero(self.run.t, self.exact)
+
+
+def hoisting(setup: Setup) -> Hoisting:
+    """Hoist a swinging load, with and without mass of the rope, and solve the running rope."""
+    motion = smooth_hoisting(*HOISTED, HOISTING)
+    rope = RunningRope(FALLS * ROPE_MASS, LOAD)
+    crane = heavy_crane(setup, hoist_init=HOISTED[0])
+    run, angles = _hoisted(setup, crane, "hoist a rope with mass")
+    bare = setup.variant(**POINT, payload_mass=LOAD, hoist_init=HOISTED[0])
+    _, massless = _hoisted(setup, bare, "hoist a rope without mass")
+    exact = rope.angles(motion, SMALL_SWING, run.t, crane.gravity)
+    return Hoisting(crane, run, angles, exact, massless)
+
+
+def _hoisted(setup: Setup, crane: Crane, label: str) -> tuple[Trajectory, np.ndarray]:
+    """Return the run of a crane that hoists a load which swings, and the angle of the line from
+    pivot to load in each row [rad].
+    """
+    motion = smooth_hoisting(*HOISTED, HOISTING)
+    period = setup.control_period
+    hoist = crane.layout.drive("l")
+
+    def accelerations(t: float, *_: object) -> np.ndarray:
+        command = np.zeros(crane.layout.m)
+        # A command holds for a control period, which the acceleration in its middle stands for.
+        command[hoist] = motion(t + 0.5 * period).acceleration
+        return command
+
+    run = setup.simulate(
+        crane,
+        accelerations,
+        None,
+        start=crane.state(phi=SMALL_SWING),
+        duration=HOISTING + AFTERWARDS,
+        label=label,
+        drive="motion",
+    )
+    # The pivot stands still, and the radial swing is in its vertical plane along -Y.
+    paths = point_paths(crane, run.q)
+    across = paths[:, 0] - paths[:, 1]
+    return run, np.arctan2(across[:, 1], -across[:, 2])
+
+
+def _last_zero(t: np.ndarray, angles: np.ndarray) -> float:
+    """Return the last time at which an angle falls through zero [s], on a straight line between
+    rows.
+    """
+    row = int(np.flatnonzero((angles[:-1] > 0.0) & (angles[1:] <= 0.0))[-1])
+    share = angles[row] / (angles[row] - angles[row + 1])
+    return float(t[row] + share * (t[row + 1] - t[row]))
+
+
+# --- sheaves --------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Sheaves:
+    """A load that is raised and lowered on a reeving whose sheaves rub.
+
+    Attributes:
+        run: The run.
+        up: Force of the hoist while it raises the load steadily, as a share of the weight.
+        down: The same while it lowers it.
+        up_by_hand: n F/W of hoisting with the friction of a rope on sheaves, without swing.
+        down_by_hand: The same of lowering.
+        winch: Columns of the winch, see `cranedyn.lifts.judging.drum.Winch.columns`.
+    """
+
+    run: Trajectory
+    up: float
+    down: float
+    up_by_hand: float
+    down_by_hand: float
+    winch: dict[str, np.ndarray]
+
+
+def sheaves(setup: Setup) -> Sheaves:
+    """Raise and lower a load on a reeving with friction."""
+    reeving = Reeving.over_sheaves(FALLS, SHEAVE_FRICTION, drum_radius=DRUM.layer_radius(0))
+    weight = LOAD * setup.gravity
+    crane = setup.variant(
+        **POINT, payload_mass=LOAD, falls=FALLS, friction_hoist=reeving.friction(weight)
+    )
+    start = crane.state(l=RAISED[0])
+    drives = start.q[crane.layout.drives]
+    hoist = crane.layout.drive("l")
+    raised = drives.copy()
+    raised[hoist] = RAISED[1]
+    reference = spline(
+        crane, start, [raised, raised, drives], [RAISING, STANDING, RAISING], at=STANDING
+    )
+    run = setup.simulate(
+        crane,
+        follow(crane, reference, setup.control_period),
+        reference,
+        start=start,
+        duration=3.0 * STANDING + 2.0 * RAISING,
+        label="raise and lower",
+        drive="motion",
+    )
+    # In the middle of each way the load does not accelerate.
+    middle_up = int(np.searchsorted(run.t, STANDING + 0.5 * RAISING))
+    middle_down = int(np.searchsorted(run.t, 2.0 * STANDING + 1.5 * RAISING))
+    share = -run["F_l_N"] / weight
+    winch = Winch(DRUM, reeving, LINE)
+    ratio = theory.capstan(SHEAVE_FRICTION, np.pi)
+    # Each fall pulls less than the one before it: W = F (1 + 1/r + 1/r² + ...) in hoisting, with
+    # r = e^{μα}, and W = F (1 + r + r² + ...) in lowering.
+    falls = np.arange(FALLS)
+    return Sheaves(
+        run=run,
+        up=float(share[middle_up]),
+        down=float(share[middle_down]),
+        up_by_hand=float(FALLS / (ratio**-falls).sum()),
+        down_by_hand=float(FALLS / (ratio**falls).sum()),
+        winch=winch.columns(crane, run),
+    )
+
+
+# --- tables, claims and pictures ------------------------------------------------------------------
+
+
+def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
+    """Compare frequencies and pull, hoist a swinging load, and raise one over sheaves that rub."""
+    compared = frequencies(setup)
+    held = pulls(setup)
+    hoisted = hoisting(setup)
+    rubbing = sheaves(setup)
+    crane = heavy_crane(setup, hoist_init=LENGTH)
+    return Outcome(
+        tables=[
+            _frequency_table(compared),
+            _bodies_table(crane),
+            _pull_table(held),
+            _hoisting_table(hoisted),
+            _winch_table(rubbing),
+        ],
+        claims=[
+            _swing_claim(compared),
+            _order_claim(compared),
+            _pull_claim(held),
+            _amplitude_claim(hoisted),
+            _sheave_claim(rubbing),
+        ],
+        parameters={"load_kg": LOAD, "falls": FALLS, "rope_kg_per_m": ROPE_MASS},
+        trajectories={"hoisting": hoisted.run, "sheaves": rubbing.run},
+        figures={"rope": _figure(compared, hoisted, rubbing)},
+        recording=harness.side_by_side({"hoisting": (hoisted.crane, hoisted.run)}),
+    )
+
+
+def _row_of(compared: Sequence[Frequencies], bodies: int) -> Frequencies:
+    """Return the frequencies with a number of bodies."""
+    return next(row for row in compared if row.bodies == bodies)
+
+
+def _swing_claim(compared: Sequence[Frequencies]) -> Claim:
+    """Return the claim that the swing has the frequency of a heavy rope."""
+    error = abs(float(_row_of(compared, USUAL_BODIES).errors[0]))
+    return Claim(
+        f"With {USUAL_BODIES} bodies the load swings with the frequency of a heavy rope by Bessel "
+        f"functions, within 0.1 % ({100.0 * error:.3f} %).",
+        error < 1e-3,
+    )
+
+
+def _order_claim(compared: Sequence[Frequencies]) -> Claim:
+    """Return the claim that errors fall with the square of the number of bodies."""
+    coarse = _row_of(compared, 4).errors
+    fine = _row_of(compared, 8).errors
+    ratios = coarse / fine
+    return Claim(
+        "With twice as many bodies the errors of the swing and of two vibrations are four times "
+        f"smaller, within 5 % ({', '.join(f'{ratio:.2f}' for ratio in ratios)} times from 4 to 8).",
+        bool((np.abs(ratios / 4.0 - 1.0) < 0.05).all()),
+    )
+
+
+def _pull_claim(held: Sequence[Pull]) -> Claim:
+    """Return the claim that the hoist holds the weight at any length."""
+    worst = max(abs(pull.held / pull.weight - 1.0) for pull in held)
+    return Claim(
+        "The hoist holds the weight of the load and of the rope that hangs, at every cable length, "
+        f"within 1e-9 (worst {worst:.0e}).",
+        worst < 1e-9,
+    )
+
+
+def _amplitude_claim(hoisted: Hoisting) -> Claim:
+    """Return the claim that hoisting changes the amplitude as that of a running rope."""
+    found = hoisted.amplitude(hoisted.angles)
+    exact = hoisted.amplitude(hoisted.exact)
+    return Claim(
+        f"After hoisting from {HOISTED[0]:g} to {HOISTED[1]:g} m the load swings by "
+        f"{1e3 * found:.3f} mrad, that on a running rope by {1e3 * exact:.3f} mrad, within 3 %.",
+        abs(found / exact - 1.0) < 0.03,
+    )
+
+
+def _sheave_claim(rubbing: Sheaves) -> Claim:
+    """Return the claim that the hoist pulls as a rope over sheaves with friction has it."""
+    # The friction of the run is the mean of those of hoisting and lowering, which differ.
+    apart = 0.5 * abs((rubbing.up_by_hand - 1.0) - (1.0 - rubbing.down_by_hand))
+    worst = max(
+        abs(rubbing.up - rubbing.up_by_hand),
+        abs(rubbing.down - rubbing.down_by_hand),
+    )
+    return Claim(
+        f"Over sheaves that rub the hoist pulls {rubbing.up:.4f} of the weight in hoisting and "
+        f"{rubbing.down:.4f} in lowering; T₂ = T₁ e^(μα) gives {rubbing.up_by_hand:.4f} and "
+        f"{rubbing.down_by_hand:.4f}, and one friction for both is {apart:.4f} beside them "
+        f"(apart by {worst:.4f}, by 1e-4 more at most).",
+        worst < apart + 1e-4,
+    )
+
+
+def _frequency_table(compared: Sequence[Frequencies]) -> ResultTable:
+    def error(mode: int) -> Callable[[Frequencies], float | None]:
+        # A rope with one body has a swing and one vibration.
+        return lambda row: 100.0 * row.errors[mode] if mode < len(row.errors) else None
+
+    return make_table(
+        "Frequencies of a load on a heavy rope, beside Bessel functions",
+        compared,
+        ("bodies", "", lambda row: row.bodies),
+        ("swing [rad/s]", ".6f", lambda row: row.found[0]),
+        ("by Bessel", ".6f", lambda row: row.exact[0]),
+        ("error [%]", ".4f", error(0)),
+        ("of the first vibration [%]", ".2f", error(1)),
+        ("of the second [%]", ".2f", error(2)),
+    )
+
+
+def _bodies_table(crane: Crane) -> ResultTable:
+    ropes = {
+        "four falls of 1.3 kg/m, 15 m, 1 t": (LENGTH, FALLS * ROPE_MASS, LOAD),
+        "the same with an empty hook of 200 kg": (LENGTH, FALLS * ROPE_MASS, 200.0),
+        "two falls of 2.4 kg/m, 60 m, 2 t": (60.0, 4.8, 2000.0),
+    }
+    return make_table(
+        "Bodies that a rope needs",
+        list(ropes.items()),
+        ("rope", "", lambda row: row[0]),
+        ("swing to 1 %", "", lambda row: bodies_for(1e-2, *row[1], crane.gravity)),
+        ("to 0.1 %", "", lambda row: bodies_for(1e-3, *row[1], crane.gravity)),
+        ("to 0.01 %", "", lambda row: bodies_for(1e-4, *row[1], crane.gravity)),
+        ("vibration to 5 %", "", lambda row: bodies_for(5e-2, *row[1], crane.gravity, 2)),
+    )
+
+
+def _pull_table(held: Sequence[Pull]) -> ResultTable:
+    return make_table(
+        "What the hoist holds",
+        held,
+        ("cable [m]", "g", lambda pull: pull.length),
+        ("held [N]", ".3f", lambda pull: pull.held),
+        ("load and rope weigh [N]", ".3f", lambda pull: pull.weight),
+    )
+
+
+def _hoisting_table(hoisted: Hoisting) -> ResultTable:
+    rows = {
+        "running rope": hoisted.exact,
+        f"crane with {USUAL_BODIES} bodies": hoisted.angles,
+        "crane whose rope has no mass": hoisted.massless,
+    }
+    return make_table(
+        f"A load that swings while it is hoisted from {HOISTED[0]:g} to {HOISTED[1]:g} m",
+        list(rows.items()),
+        ("", "", lambda row: row[0]),
+        ("swing afterwards [mrad]", ".3f", lambda row: 1e3 * hoisted.amplitude(row[1])),
+        ("late at the end [s]", ".3f", lambda row: hoisted.delay(row[1])),
+    )
+
+
+def _winch_table(rubbing: Sheaves) -> ResultTable:
+    run = rubbing.run
+    rows = {
+        "at rest below": STANDING,
+        "hoisting": STANDING + 0.5 * RAISING,
+        "at rest above": 1.5 * STANDING + RAISING,
+        "lowering": 2.0 * STANDING + 1.5 * RAISING,
+    }
+    places = [(name, int(np.searchsorted(run.t, t))) for name, t in rows.items()]
+    winch = rubbing.winch
+    return make_table(
+        "The winch of a hoist whose sheaves rub",
+        places,
+        ("", "", lambda row: row[0]),
+        ("line [N]", ".0f", lambda row: winch["line_N"][row[1]]),
+        ("rope on the drum [m]", ".1f", lambda row: winch["wound_m"][row[1]]),
+        ("layer at [m]", ".4f", lambda row: winch["layer_m"][row[1]]),
+        ("drum [rad/s]", ".3f", lambda row: winch["drum_rad_s"][row[1]]),
+        ("torque [N m]", ".0f", lambda row: winch["drum_Nm"][row[1]]),
+    )
+
+
+def _figure(compared: Sequence[Frequencies], hoisted: Hoisting, rubbing: Sheaves) -> Figure:
+    figure, (errors, angles, force) = panels(3, height=2.0, width=7.0)
+    for mode, name in enumerate(("swing", "first vibration", "second vibration")):
+        rows = [row for row in compared if mode < len(row.errors)]
+        counts = [row.bodies for row in rows]
+        errors.loglog(counts, [abs(row.errors[mode]) for row in rows], "o-", label=name)
+    errors.set(xlabel="bodies on the rope", ylabel="error of a frequency")
+    legend_above(errors, columns=3)
+    t = hoisted.run.t
+    angles.plot(t, 1e3 * hoisted.exact, label="running rope")
+    angles.plot(t, 1e3 * hoisted.angles, "--", label=f"{USUAL_BODIES} bodies")
+    angles.plot(t, 1e3 * hoisted.massless, ":", label="no mass")
+    angles.set(xlabel="time [s]", ylabel="angle [mrad]")
+    legend_above(angles, columns=3)
+    force.plot(rubbing.run.t, -rubbing.run["F_l_N"] / 1e3)
+    force.set(xlabel="time [s]", ylabel="hoist [kN]")
+    return figure
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run from the command line."""
+    parser = harness.parser("rope", __doc__)
+    return harness.run_experiment(parser, experiment, argv)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
