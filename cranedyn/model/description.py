@@ -59,6 +59,7 @@ class CraneValues(TypedDict, total=False):
     drum_inertia: float  # kg
     rope_mass: float  # kg/m
     rope_bodies: float
+    rope_mass_length: float  # m
     damp_rope: float  # N m s/rad
     tower_twist_stiffness: float  # N m/rad
     slew_drive_inertia: float  # kg m^2

@@ -89,8 +89,8 @@ class Bifilar(NamedTuple):
 class RopeMass(NamedTuple):
     """The mass of a rope that the hoist pays out and winds up.
 
-    Bodies along the rope carry the mass μ l₀ that its free part has at the length l₀ of the start.
-    They are as many at any length, and as heavy, so that their potential energy is -μ g l₀ l/2,
+    Bodies along the rope carry the mass μ l₀ of one length l₀. They are as many at any length, and
+    as heavy, so that their potential energy is -μ g l₀ l/2,
     where it should be that of a rope from the pivot, -μ g l²/2. The difference
 
         U = -μ g l (l - l₀)/2 = -½ μ g (l - l₀/2)² + constant

@@ -34,6 +34,7 @@ CRANES: dict[str, Callable[[], Crane]] = {
     "hook": lambda: load_crane(hook_mass=300.0, payload_mass=2000.0, sling_length=5.0),
     "elastic rope": lambda: load_crane(rope_stiffness=3e6, rope_damping=1e4),
     "two falls": lambda: load_crane(fall_spacing=1.0),
+    "heavy rope": lambda: load_crane(rope_mass=1.3, falls=4, payload_inertia=0.0),
     "luffing": lambda: load_crane(XACRO.with_name("luffing_crane.urdf.xacro")),
     "overhead": lambda: load_crane(XACRO.with_name("overhead_crane.urdf.xacro")),
     "mobile": lambda: load_crane(XACRO.with_name("mobile_crane.urdf.xacro")),
