@@ -102,8 +102,8 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
     Raises:
         DataError: If the folder exists or cannot be written, ROS does not allow the name, or it is
             the name of a package with meshes of the crane.
-        ModelError: If the crane has a link without mass or inertia, a joint with an armature, or
-            a rope that goes slack without stretching.
+        ModelError: If the crane has a link without mass or inertia, a joint with an armature, a
+            rope with mass, or one that goes slack without stretching.
         OutOfRange: If the step is not positive.
     """
     folder = Path(folder)
@@ -115,6 +115,7 @@ def export(folder: str | Path, crane: Crane, *, name: str | None = None, dt: flo
             "single underlines."
         )
     number("dt", dt, "s", "> 0")
+    crane.require_light_rope("The export to ROS 2")
     robot = urdf_element(crane, keep_package_meshes=True)
     mesh_packages = _mesh_packages(robot)
     if name in mesh_packages:

@@ -389,12 +389,28 @@ class Crane:
         Raises:
             ModelError: If one does.
         """
+        self.require_light_rope(user)
         for joint in self.layout.joints:
             if joint.follows:
                 raise ModelError(
                     f"{user} is made for joints that do not follow others; {joint.name} follows "
                     f"{joint.follows}. Hold both by locked=[{joint.follows!r}], or --locked."
                 )
+
+    def require_light_rope(self, user: str) -> None:
+        """Check that the rope has no mass, and so no joints at which it bends.
+
+        Args:
+            user: What cannot do with such a rope, to begin an error message with.
+
+        Raises:
+            ModelError: If it has.
+        """
+        if self.springs.rope_mass is not None:
+            raise ModelError(
+                f"{user} is made for a rope without mass; do it with the crane loaded with "
+                "rope_mass 0."
+            )
 
     def _start_range(self, joint: int, q: np.ndarray) -> tuple[float, float]:
         """Return the range in which a joint may start [rad or m]: its range in the URDF, and for a

@@ -1,8 +1,7 @@
-"""The same crane on a single straight rope that neither stretches nor goes slack.
+"""The same crane on a single rope that neither stretches nor goes slack.
 
-The stretch of a rope oscillates much faster than the load swings, and so does a rope with mass
-between its ends; on two falls the load also yaws. A controller that plans over seconds needs none
-of it.
+The stretch of a rope oscillates much faster than the load swings, and on two falls the load also
+yaws. A controller that plans over seconds needs neither.
 """
 
 from __future__ import annotations
@@ -14,14 +13,12 @@ import pinocchio as pin
 
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
-from cranedyn.model.heavy_rope import rope_bends
 from cranedyn.model.load import with_locked_joints
 
 
 @dataclass(frozen=True, eq=False)
 class RigidRope:
-    """A crane with the stretch and the bends of its rope, or the yaw of its load on two falls, held
-    fixed.
+    """A crane with the stretch of its rope, or the yaw of its load on two falls, held fixed.
 
     Attributes:
         crane: The crane without these joints; the full crane itself if it has none of them.
@@ -35,8 +32,8 @@ class RigidRope:
 
 
 def on_rigid_rope(crane: Crane) -> RigidRope:
-    """Hold the stretch and the bends of a crane's rope, or the yaw of its load on two falls, where
-    they are at the start of the crane.
+    """Hold the stretch of a crane's rope, or the yaw of its load on two falls, where it is at the
+    start of the crane.
 
     At the cable length of the start the load then hangs exactly as low as on the full crane. An
     elastic rope of the length l is stretched by W l/EA by the weight W of the load, so that at
@@ -48,8 +45,6 @@ def on_rigid_rope(crane: Crane) -> RigidRope:
     the rope, as in the tower crane of this project. What the full crane has beside, is the small
     moment of inertia that yaws freely instead of with the slew.
 
-    A rope with mass stays straight, with its bodies on it.
-
     Args:
         crane: The full crane.
 
@@ -57,7 +52,7 @@ def on_rigid_rope(crane: Crane) -> RigidRope:
         ModelError: If the rest is no crane.
     """
     joints = crane.layout.joints
-    held: list[int] = list(rope_bends(crane))
+    held: list[int] = []
     if crane.springs.rope is not None:
         held.append(crane.springs.rope.stretch)
     if crane.springs.bifilar is not None:

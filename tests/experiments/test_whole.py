@@ -19,6 +19,7 @@ WHOLE = [
     "factors",
     "gazebo",
     "hook",
+    "rope",
     # The longest; test files of their names test them in parts.
     *(
         pytest.param(name, marks=pytest.mark.long)

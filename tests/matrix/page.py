@@ -31,6 +31,7 @@ the sentence with which cranedyn refuses, is another one. It runs in a clone of 
 | hook | the same with a hook block and a load slung below it |
 | elastic rope | the same on a rope that stretches |
 | two falls | the same on two parallel falls |
+| heavy rope | the same on a rope with mass |
 | luffing, overhead | the luffing and the overhead crane of this project |
 | mobile | the mobile crane of this project, with a boom of sections that extend together |
 | wall | a wall crane, `examples/wall_crane.urdf` |

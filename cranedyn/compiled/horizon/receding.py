@@ -517,11 +517,13 @@ def receding(
 
 
 def _check_rigid_structure(crane: Crane) -> None:
-    """Check that no joint but those of the rope has a spring.
+    """Check that no joint but those of the rope has a spring, and the rope no mass.
 
     Raises:
         CraneError: If one has.
+        ModelError: If the rope has mass.
     """
+    crane.require_light_rope("Predictive control")
     bending = []
     for joint, stiffness in zip(crane.layout.joints, crane.springs.stiffness, strict=True):
         if stiffness != 0.0:
