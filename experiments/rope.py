@@ -555,7 +555,7 @@ def _winch_table(rubbing: Sheaves) -> ResultTable:
         ("line [N]", ".0f", lambda row: winch["line_N"][row[1]]),
         ("rope on the drum [m]", ".1f", lambda row: winch["wound_m"][row[1]]),
         ("layer at [m]", ".4f", lambda row: winch["layer_m"][row[1]]),
-        ("drum [rad/s]", ".3f", lambda row: winch["drum_rad_s"][row[1]]),
+        ("drum [rad/s]", ".3f", lambda row: round(winch["drum_rad_s"][row[1]], 6) + 0.0),
         ("torque [N m]", ".0f", lambda row: winch["drum_Nm"][row[1]]),
     )
 
