@@ -166,7 +166,7 @@ def pulls(setup: Setup) -> list[Pull]:
 
 
 @dataclass(frozen=True)
-class Hoisting:
+class SwingWhileHoisted:
     """A load that swings while it is hoisted.
 
     Attributes:
@@ -221,8 +221,8 @@ class Hoisted:
         run: Its run.
     """
 
-    exact: Hoisting
-    cases: list[Hoisting]
+    exact: SwingWhileHoisted
+    cases: list[SwingWhileHoisted]
     crane: Crane
     run: Trajectory
 
@@ -256,8 +256,8 @@ def hoistings(setup: Setup) -> Hoisted:
         swing = _angles(its_crane, its_run)
         late = _last_zero(its_run.t, swing) - until
         expected = expected_delay(carried, until, crane.gravity)
-        cases.append(Hoisting(name, its_run.t, swing, late, expected))
-    return Hoisted(Hoisting("running rope", run.t, angles, 0.0, 0.0), cases, crane, run)
+        cases.append(SwingWhileHoisted(name, its_run.t, swing, late, expected))
+    return Hoisted(SwingWhileHoisted("running rope", run.t, angles, 0.0, 0.0), cases, crane, run)
 
 
 def _hoisted(setup: Setup, crane: Crane, label: str) -> Trajectory:
