@@ -507,12 +507,7 @@ def root_table(
     if base is None:
         return None
     index, motions = distinct_objects(base, count)
-    gravity = cranes[0].model.gravity.linear.copy()
-    if not isinstance(cranes, Cranes):
-        for crane in cranes:
-            if not np.array_equal(crane.model.gravity.linear, gravity):
-                values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
-                raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
+    gravity = common_gravity(cranes)
     length = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
     needed = used + _COPIES * len(motions) * length * ROOT_NUMBERS
     check_fits_memory("physics steps on a base", str(length), needed)
@@ -524,6 +519,23 @@ def root_table(
             raise OutOfRange("base", type(motion).__name__, allowed)
         rows.append(motion.frames(times).root_numbers(gravity))
     return RowTable(np.concatenate(rows), length, length * index)
+
+
+def common_gravity(cranes: Sequence[Crane] | Cranes) -> np.ndarray:
+    """Return the gravity of all cranes [m/s²], shape (3,), for cranes on bases that move: it is
+    part of what they feel.
+
+    Raises:
+        OutOfRange: If they have different gravity.
+    """
+    gravity = cranes[0].model.gravity.linear.copy()
+    # `Cranes` are of one description, which has one gravity.
+    if not isinstance(cranes, Cranes):
+        for crane in cranes:
+            if not np.array_equal(crane.model.gravity.linear, gravity):
+                values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
+                raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
+    return gravity
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:
