@@ -27,6 +27,7 @@ from cranedyn.compiled.kernel import Precision
 from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.cylinders import Pump
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint, State
 from cranedyn.interop.task import DT, INTEGRATOR, BaseDraw, EpisodeStart, Rules, SwingTask
@@ -102,6 +103,7 @@ class CraneVectorEnv(gym.vector.VectorEnv):
         converters: Converters | None = Rules.converters,
         tolerance: float = Rules.tolerance,
         efforts: Sequence[float] | None = Rules.efforts,
+        pump: Pump | None = Rules.pump,
         base: BaseMotion | BaseDraw | None = Rules.base,
         base_measured: bool = Rules.base_measured,
     ) -> None:
@@ -132,6 +134,7 @@ class CraneVectorEnv(gym.vector.VectorEnv):
                 to control periods; None for drives that follow their commands exactly.
             tolerance: Distance to the goal up to which ``is_success`` is true [m].
             efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
+            pump: Pump that the drives share, see `Rules`; None for none.
             base: What draws the motion of the base for each episode from a random generator, such
                 as `cranedyn.disturbances.waves.RandomSea`, or one motion for all; None for a base
                 at rest.
@@ -165,6 +168,7 @@ class CraneVectorEnv(gym.vector.VectorEnv):
             converters=converters,
             tolerance=tolerance,
             efforts=efforts,
+            pump=pump,
             base=base,
             base_measured=base_measured,
         )
@@ -310,6 +314,7 @@ class CraneEnv(gym.Env):
         converters: Converters | None = Rules.converters,
         tolerance: float = Rules.tolerance,
         efforts: Sequence[float] | None = Rules.efforts,
+        pump: Pump | None = Rules.pump,
         base: BaseMotion | BaseDraw | None = Rules.base,
         base_measured: bool = Rules.base_measured,
     ) -> None:
@@ -336,6 +341,7 @@ class CraneEnv(gym.Env):
                 to control periods; None for drives that follow their commands exactly.
             tolerance: Distance to the goal up to which ``is_success`` is true [m].
             efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
+            pump: Pump that the drives share, see `Rules`; None for none.
             base: What draws the motion of the base for each episode from a random generator, such
                 as `cranedyn.disturbances.waves.RandomSea`, or one motion for all; None for a base
                 at rest.
@@ -361,6 +367,7 @@ class CraneEnv(gym.Env):
             converters=converters,
             tolerance=tolerance,
             efforts=efforts,
+            pump=pump,
             base=base,
             base_measured=base_measured,
         )

@@ -28,6 +28,7 @@ from cranedyn.compiled.kernel import Precision
 from cranedyn.disturbances.base_motion import COORDINATES, BaseMotion
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.cylinders import Pump
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import linear
@@ -151,6 +152,9 @@ class Rules:
         efforts: Efforts of the drives that actions of 1 add with action = "effort" [N m or N]; None
             for what the effort limits of the crane leave beside the effort that holds it, but at
             most half of what takes a drive in one control period from rest to its rate limit.
+        pump: Pump that the drives share, for action = "velocity": where the rates that the actions
+            ask for take more oil than it gives, all drives on it are slowed down alike. None for
+            drives that share none.
         base: What draws the motion of the base for an episode from a random generator, such as
             `cranedyn.disturbances.waves.RandomSea` or a function of your own; or one motion for all
             episodes. An episode begins at the time 0 of its motion. None for a base at rest.
@@ -168,6 +172,7 @@ class Rules:
     converters: Converters | None = None
     tolerance: float = 0.05
     efforts: Sequence[float] | None = None
+    pump: Pump | None = None
     base: BaseMotion | BaseDraw | None = None
     base_measured: bool = False
 
@@ -184,6 +189,8 @@ class Rules:
         if not (self.base is None or isinstance(self.base, BaseMotion) or callable(self.base)):
             allowed = "a BaseMotion, or a function that draws one from a random generator"
             raise OutOfRange("base", short_repr(self.base), allowed)
+        if self.pump is not None and self.action != "velocity":
+            raise OutOfRange("pump", "given", f"None where action = {self.action}")
         if self.base_measured and self.base is None:
             raise OutOfRange("base_measured", True, "False where there is no base")
         if self.converters is None:
@@ -344,6 +351,8 @@ class SwingTask:
             base=rules.base is not None,
         )
         self.layout = self.fleet.layout
+        if rules.pump is not None and rules.pump.crane.layout != self.layout:
+            raise OutOfRange("pump", "one of another crane", "a pump of the crane of the task")
         self._gravity = _common_gravity(self.fleet.cranes)
         self._set_limits()
         if rules.action == "effort":
@@ -562,6 +571,10 @@ class SwingTask:
             if kinds is None:
                 kinds = np.zeros(action.shape[1], dtype=int)
             return self._holding[kinds].T + action * self.efforts[:, None]
+        if self.rules.pump is not None:
+            rates = action * self._rates[:, None]
+            fed = self.rules.pump.limited(z[: self.layout.n].T, rates.T).T
+            action = fed / self._rates[:, None]
         if self.rules.converters is not None:
             return rate_code(self.layout, self._reaction_times, self.drive_limits)(action, z)
         return acceleration_code(*self._acceleration_key)(action, z)
