@@ -25,7 +25,7 @@ from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
-from cranedyn.references.tabulated import tabulated
+from cranedyn.references.tabulated import Tabulating, tabulated
 
 _TIME_STEP = 0.01
 """Time between the instants at which beginnings are tried and the deck is looked at [s]: a wave of
@@ -161,8 +161,9 @@ def _first_contacts(
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class Lowered(ShortRepr):
-    """A reference whose hoist pays out at a constant speed from some time on, see `lowered`.
+class LandingReference(ShortRepr, Tabulating):
+    """A reference whose hoist pays out at a constant speed from some time on, see
+    `landing_reference`.
 
     Attributes:
         crane: The crane.
@@ -176,11 +177,6 @@ class Lowered(ShortRepr):
     begin: float
     lowering: float
 
-    def __call__(self, t: float) -> Setpoint:
-        """Return the setpoint at a time [s]."""
-        position, velocity, acceleration = self.at(np.array([t]))
-        return Setpoint(position[0], velocity[0], acceleration[0])
-
     def at(self, times: np.ndarray) -> Setpoint:
         """Return setpoints at many times [s], shape (k, m) each."""
         hoist = self.crane.layout.drive_of("hoist")
@@ -193,7 +189,7 @@ class Lowered(ShortRepr):
         return Setpoint(position, velocity, acceleration)
 
 
-def lowered(crane: Crane, reference: Reference, landing: Landing) -> Lowered:
+def landing_reference(crane: Crane, reference: Reference, landing: Landing) -> LandingReference:
     """Return a reference, such as a heave-compensated one, that lowers its load for a landing.
 
     The hoist goes on paying out after the load has landed, so that the rope becomes slack and the
@@ -209,4 +205,4 @@ def lowered(crane: Crane, reference: Reference, landing: Landing) -> Lowered:
     """
     if crane.layout.drive_of("hoist") is None:
         raise OutOfRange("crane", "one without a hoist", "one with a hoist")
-    return Lowered(crane, reference, landing.begin, landing.lowering)
+    return LandingReference(crane, reference, landing.begin, landing.lowering)

@@ -9,7 +9,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from cranedyn.controllers import follow
-from cranedyn.controllers.landing import least_impact_landing, lowered
+from cranedyn.controllers.landing import landing_reference, least_impact_landing
 from cranedyn.controllers.moving_base import heave_compensated
 from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.contact import ON_GROUND, Ground, box_corners, box_load, damping_ratio
@@ -91,7 +91,9 @@ def test_a_simulated_load_lands_at_that_speed_and_rebounds_as_a_load_on_a_spring
             for t in np.arange(0.0, PERIOD, 0.05)
         ]
         landing = max(late, key=lambda one: one.speed)
-    reference = lowered(crane, heave_compensated(crane, hold(crane, start), DECK), landing)
+    reference = landing_reference(
+        crane, heave_compensated(crane, hold(crane, start), DECK), landing
+    )
     setpoint = reference(0.0)
     v = start.v.copy()
     v[crane.layout.drives] = setpoint.velocity

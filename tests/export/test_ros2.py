@@ -643,7 +643,7 @@ def test_a_link_so_light_that_gazebo_drops_it_and_all_below_is_refused(
 
 def test_a_package_says_that_its_cylinders_are_left_out(tmp_path: Path) -> None:
     mobile = load_crane(XACRO.with_name("mobile_crane.urdf.xacro"))
-    folder = ros2.export(mobile, tmp_path / "mobile")
+    folder = ros2.export(tmp_path / "mobile", mobile)
     readme = (folder / "README.md").read_text()
     for joint in ("luff_joint", "telescope_joint"):
         assert f"The cylinder of {joint} is left out: its drive acts there." in readme
