@@ -116,7 +116,8 @@ class LaneBases:
         for i, motion in enumerate(motions):
             if motion is None:
                 continue
-            if isinstance(motion.law, Harmonics) and not math.isfinite(motion.last):
+            is_known_always = math.isinf(motion.first) and math.isinf(motion.last)
+            if isinstance(motion.law, Harmonics) and is_known_always:
                 sines = len(motion.law.amplitude)
                 places_of.setdefault(sines, []).append(i)
                 laws_of.setdefault(sines, []).append(motion.law)
