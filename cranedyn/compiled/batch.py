@@ -233,7 +233,7 @@ def simulate_batch(
     times = read_only(t_start + control_period * np.arange(clock.periods + 1))
 
     # Tables of what acts and what is commanded at each control instant.
-    root = inputs.root_table(base, cranes, models.distinct, t_start, clock, used)
+    root = inputs.root_table(base, models.distinct, models.index, t_start, clock, used)
     used += 0 if root is None else root.rows.size
     # From here on, forces are in the axes of the base.
     force = inputs.force_in_base_axes(force, base, cranes, times)

@@ -6,7 +6,7 @@ the block in place of the numbers of the crane that they change, see `_plant`.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -17,13 +17,16 @@ from llvmlite import ir
 from cranedyn.checks import check_choice
 from cranedyn.clocks import clocks
 from cranedyn.compiled.block import FAULT, BlockCode, FunctionBlock, Variable, identifiers
+from cranedyn.compiled.code import Value
 from cranedyn.compiled.kernel import KernelOptions
 from cranedyn.compiled.plant.plant import Plant, Topology, make_plant, plant_numbers
 from cranedyn.compiled.step import Step, StepState, check_rule
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.disturbances.base_motion import COORDINATES, UNITS, angular_motion, attitude
 from cranedyn.dynamics.converters import converters_of_run
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.root_motion import SAMPLES_PER_STEP, RootMotion
 from cranedyn.dynamics.scalars import array
 from cranedyn.errors import ModelError
 from cranedyn.interfaces import Drive
@@ -76,6 +79,7 @@ def crane_block(
     drive: Drive = "effort",
     dt: float = 5e-4,
     integrator: Integrator = semi_implicit_euler,
+    base: bool = False,
 ) -> FunctionBlock:
     """Return a crane as a block: "outputs" computes accelerations, efforts, energy and validity at
     the state under the inputs, "step" the state a physics step later.
@@ -85,11 +89,15 @@ def crane_block(
     typical frequency converters, whose delay is rounded up to a multiple of `COMMUNICATION` physics
     steps.
 
+    On a base that moves, the motion of the base is an input, see `base_inputs`, and is held over a
+    call as all inputs are. Coordinates, rates and energy are then those relative to the base.
+
     Args:
         crane: The crane.
         drive: Inputs: "effort", or with "motion" accelerations, or with "velocity" rates.
         dt: Physics step [s].
         integrator: The stepping rule.
+        base: Whether the base on which the crane stands moves.
 
     Raises:
         OutOfRange: If a number is out of range, or there is no code for the stepping rule.
@@ -117,15 +125,17 @@ def crane_block(
         arrays = {"converters": np.zeros((3 + max(delay, 1)) * crane.layout.m)}
     # The kernel itself is not needed. But its equations are those of the block, and to compile it
     # compares them with Pinocchio.
-    options = KernelOptions(1, drive, integrator, forces=True, delay_steps=0 if arrays else None)
+    options = KernelOptions(
+        1, drive, integrator, forces=True, delay_steps=0 if arrays else None, base=base
+    )
     compile_kernel([crane], options, response if arrays else None)
 
     names = _names(crane, drive)
     block = FunctionBlock(
         "crane",
-        f"A crane of drive mode {drive}.",
+        f"A crane of drive mode {drive}{' on a base that moves' if base else ''}.",
         dt,
-        _variables(crane, drive, names, response, dt),
+        _variables(crane, drive, names, response, dt, base=base),
         arrays,
         # The count of calls gives the row of the ring, its remainder by the delay, and tells the
         # calls before a whole delay has passed. After 2 delay - 1 it goes on at the delay.
@@ -136,12 +146,17 @@ def crane_block(
     )
 
     def outputs(code: BlockCode) -> Mapping[str, Any]:
-        return _outputs(_CraneCode(code, crane, drive, names), names, delay, dt)
+        return _outputs(_CraneCode(code, crane, drive, names, base=base), names, delay, dt)
 
     def step(code: BlockCode) -> Mapping[str, Any]:
-        crane_code = _CraneCode(code, crane, drive, names)
+        crane_code = _CraneCode(code, crane, drive, names, base=base)
         command = crane_code.followed_command(delay, dt, keep=True)
-        rule = Step(integrator, crane_code.plant, command, crane_code.forces, dt, 1.0, 1)
+        root = None
+        if crane_code.root is not None:
+            # The inputs are held: the base feels the same at the beginning, in the middle and at
+            # the end of the step.
+            root = np.tile(np.concatenate(crane_code.root), (SAMPLES_PER_STEP + 1, 1))
+        rule = Step(integrator, crane_code.plant, command, crane_code.forces, dt, 1.0, 1, root=root)
         no_work = array([0.0, 0.0])
         after = rule.after(StepState(crane_code.q, crane_code.v, no_work))
         readings = []
@@ -153,6 +168,39 @@ def crane_block(
     block.emit("outputs", outputs)
     block.emit("step", step)
     return block
+
+
+@dataclass(frozen=True)
+class BaseInput:
+    """An input of a crane on a base that moves.
+
+    Attributes:
+        name: Its name.
+        unit: Its unit.
+        about: What it is.
+    """
+
+    name: str
+    unit: str
+    about: str
+
+
+def base_inputs() -> list[BaseInput]:
+    """Return the inputs that say how the base moves, of any crane on a base that moves.
+
+    They are the coordinates of `cranedyn.disturbances.base_motion`, with its frames and signs: the
+    accelerations of all six, the angles and their rates, and the velocity of the origin, on which
+    the wind depends.
+    """
+    inputs = []
+    for name, unit in zip(COORDINATES, UNITS, strict=True):
+        where = "along an axis of the world" if unit == "m" else "angle, Rz(yaw) Ry(pitch) Rx(roll)"
+        if unit == "rad":
+            inputs.append(BaseInput(f"base_{name}", unit, f"{name} of the base: {where}"))
+        inputs.append(BaseInput(f"base_{name}_dot", f"{unit}/s", f"rate of the {name}"))
+        about = f"acceleration of the {name}: {where}"
+        inputs.append(BaseInput(f"base_{name}_ddot", f"{unit}/s2", about))
+    return inputs
 
 
 def force_names(crane: Crane) -> list[str]:
@@ -175,6 +223,7 @@ class _Names:
         dampings: Viscous damping of each joint.
         converters: Numbers of the frequency converters, those of all drives for each; empty without
             converters.
+        base: Motion of the base, see `base_inputs`, by the names there.
         identifier: Identifiers by the names of the signals.
     """
 
@@ -185,6 +234,7 @@ class _Names:
     forces: list[str]
     dampings: list[str]
     converters: list[str]
+    base: dict[str, str]
     identifier: dict[str, str]
 
 
@@ -206,6 +256,9 @@ def _names(crane: Crane, drive: str) -> _Names:
         for number in _CONVERTER_NUMBERS:
             converters += [f"{symbol}_{number.name}" for symbol in driven]
 
+    # Last, so that a crane has the same identifiers on any base.
+    bases = [one.name for one in base_inputs()]
+
     # All at once: an identifier is distinct among the names that are given together.
     others = ["payload_mass", "cable_offset", "wind_x", "wind_y", "payload_area", "energy", "valid"]
     signals = [
@@ -217,6 +270,7 @@ def _names(crane: Crane, drive: str) -> _Names:
         *forces,
         *dampings,
         *converters,
+        *bases,
     ]
     identifier = identifiers(signals)
     return _Names(
@@ -227,12 +281,13 @@ def _names(crane: Crane, drive: str) -> _Names:
         forces=[identifier[name] for name in forces],
         dampings=[identifier[name] for name in dampings],
         converters=[identifier[name] for name in converters],
+        base={name: identifier[name] for name in bases},
         identifier=identifier,
     )
 
 
 def _variables(
-    crane: Crane, drive: str, names: _Names, response: np.ndarray, dt: float
+    crane: Crane, drive: str, names: _Names, response: np.ndarray, dt: float, *, base: bool
 ) -> tuple[Variable, ...]:
     """Return the variables of the block in the order of its memory.
 
@@ -243,6 +298,7 @@ def _variables(
         response: Usual numbers of the converters, in the order of `_CONVERTER_NUMBERS`; empty
             without converters.
         dt: Physics step [s].
+        base: Whether the base moves.
     """
     layout = crane.layout
     several = Variable.several
@@ -258,6 +314,9 @@ def _variables(
         names.commands, "input", command_units, holding, about="command of the drive"
     )
     variables += several(names.forces, "input", "N", about="external force in the world")
+    if base:
+        for one in base_inputs():
+            variables.append(Variable(names.base[one.name], "input", one.unit, about=one.about))
     variables += _parameters(crane, names, response, dt)
 
     state_units = [*layout.units, *(f"{unit}/s" for unit in layout.units)]
@@ -270,6 +329,8 @@ def _variables(
     variables += several(names.accelerations, "output", acceleration_units)
     variables += several(names.efforts, "output", effort_units, about="effort of the drive")
     about = "mechanical, zero of height at the ground"
+    if base:
+        about = "mechanical, that of a crane on a base at rest in the same state"
     variables.append(Variable("energy", "output", "J", about=about))
     about = "1 where the model holds, 0 where it does not"
     variables.append(Variable("valid", "output", about=about))
@@ -331,10 +392,13 @@ class _CraneCode:
         v: Rates, shape (n,).
         offset: Coordinates less their readings, shape (n,).
         command: Commands of the drives, shape (m,).
-        forces: External forces with wind [N], shape (3 points,).
+        forces: External forces with wind [N], shape (3 points,), in the axes of the base.
+        root: Motion of the base; None for one at rest.
     """
 
-    def __init__(self, code: BlockCode, crane: Crane, drive: str, names: _Names) -> None:
+    def __init__(
+        self, code: BlockCode, crane: Crane, drive: str, names: _Names, *, base: bool
+    ) -> None:
         layout = crane.layout
         self.code = code
         self.plant = _plant(code, crane, drive, names)
@@ -348,9 +412,18 @@ class _CraneCode:
         forces = code.get_all(names.forces)
         payload_area = code.get("payload_area")
         areas = array([payload_area if point == "payload" else 0.0 for point in layout.points])
-        wind = [code.get("wind_x"), code.get("wind_y"), 0.0]
-        air = array(wind * len(areas))
-        self.forces = forces + self.plant.drag(self.q, self.v, air, areas)
+        wind = array([code.get("wind_x"), code.get("wind_y"), 0.0])
+        self.root: RootMotion | None = None
+        turning = None
+        if base:
+            moving = _MovingBase(code, names)
+            gravity = crane.model.gravity.linear
+            self.root = moving.root(gravity)
+            turning = self.root.omega
+            wind = moving.in_axes(wind - moving.velocity)
+            forces = np.concatenate([moving.in_axes(force) for force in forces.reshape(-1, 3)])
+        air = np.tile(wind, len(areas))
+        self.forces = forces + self.plant.drag(self.q, self.v, air, areas, turning)
 
     def followed_command(self, delay: int, dt: float, *, keep: bool) -> np.ndarray:
         """Return the command that the plant follows in a step, shape (m,): efforts within the
@@ -403,6 +476,41 @@ class _CraneCode:
         return array(values)
 
 
+class _MovingBase:
+    """The base on which a crane stands, in the code of a function.
+
+    Attributes:
+        velocity: Velocity of the origin in the world [m/s], shape (3,).
+    """
+
+    def __init__(self, code: BlockCode, names: _Names) -> None:
+        def numbers(coordinates: Sequence[str], ending: str) -> list[Value]:
+            """Return the inputs of some coordinates."""
+            return [code.get(names.base[f"base_{name}{ending}"]) for name in coordinates]
+
+        pairs = [code.sine_and_cosine(angle) for angle in numbers(COORDINATES[3:], "")]
+        sines, cosines = zip(*pairs, strict=True)
+        rates = numbers(COORDINATES[3:], "_dot")
+        accelerations = numbers(COORDINATES[3:], "_ddot")
+        self._turning = angular_motion(sines, cosines, rates, accelerations)
+        self._rotation = np.array(attitude(sines, cosines), dtype=object)
+        self.velocity = array(numbers(COORDINATES[:3], "_dot"))
+        self._acceleration = array(numbers(COORDINATES[:3], "_ddot"))
+
+    def in_axes(self, vector: np.ndarray) -> np.ndarray:
+        """Return a vector in the axes of the base from that in the world, shape (3,)."""
+        return self._rotation.T @ vector
+
+    def root(self, gravity: np.ndarray) -> RootMotion:
+        """Return what the crane feels of the base.
+
+        Args:
+            gravity: Gravity in the world [m/s²], shape (3,).
+        """
+        felt = self.in_axes(self._acceleration - array(gravity.tolist()))
+        return RootMotion(array(self._turning.omega), array(self._turning.alpha), felt)
+
+
 def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> dict[str, Any]:
     """Emit the outputs of a crane at its state under its inputs, and return them by name.
 
@@ -417,7 +525,7 @@ def _outputs(crane_code: _CraneCode, names: _Names, delay: int, dt: float) -> di
     q = crane_code.q
     v = crane_code.v
     command = crane_code.followed_command(delay, dt, keep=False)
-    dynamics = crane.forward_dynamics(q, v, command, crane_code.forces)
+    dynamics = crane.forward_dynamics(q, v, command, crane_code.forces, root=crane_code.root)
     hoist = crane.topology.layout.drive_of("hoist")
     hoist_force = 0.0 if hoist is None else dynamics.effort[hoist]
     conditions = crane.conditions(q, v, hoist_force, dynamics.needed)

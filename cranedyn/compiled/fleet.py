@@ -17,19 +17,23 @@ from cranedyn.clocks import clocks
 from cranedyn.compiled.binding import BoundKernel
 from cranedyn.compiled.inputs import (
     check_fits_memory,
+    common_gravity,
     common_layout,
     converter_memory,
     converter_response,
     start_states,
 )
 from cranedyn.compiled.kernel import LANES, Kernel, KernelOptions, Precision, check_precision
+from cranedyn.compiled.lane_bases import LaneBases
 from cranedyn.compiled.loop_tables import RowTable, command_tables, single_table
 from cranedyn.compiled.memory_layout import BufferLayout, size, slices
 from cranedyn.compiled.plant.plant import Topology
 from cranedyn.compiled.step import check_rule
 from cranedyn.compiled.verify import compile_kernel
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import Converters
 from cranedyn.dynamics.integrators import Integrator, semi_implicit_euler
+from cranedyn.dynamics.root_motion import ROOT_NUMBERS
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import DirectDrive, Drive, State
 from cranedyn.model.crane import Crane
@@ -55,6 +59,7 @@ class Fleet:
         z: Coordinates and rates, one column a crane, shape (2 joints, n); a read-only view that the
             next step updates.
         chunks: Slices of columns, each advanced by one thread at a time.
+        bases: Bases of the cranes; None for a fleet whose bases cannot move.
     """
 
     z: np.ndarray
@@ -72,8 +77,9 @@ class Fleet:
         integrator: Integrator = semi_implicit_euler,
         threads: int | None = None,
         precision: Precision = "double",
+        base: bool = False,
     ) -> None:
-        """Create n cranes of the first kind, at its start.
+        """Create n cranes of the first kind, at its start, on bases at rest.
 
         Args:
             cranes: One crane, or several from which `place` chooses.
@@ -87,10 +93,13 @@ class Fleet:
             threads: Number of threads, 1024 at most; by default one for each processor.
             precision: "double", or "single" for steps that take about half the time and are precise
                 to six digits, see `cranedyn.compiled.batch.simulate_batch`.
+            base: Whether the bases on which the cranes stand can move, see `stand_on`; in double
+                precision only.
 
         Raises:
             OutOfRange: If a number is out of range, there is no crane, one has another layout, they
-                would not fit into 4 GB, or there is no code for the stepping rule.
+                would not fit into 4 GB, there is no code for the stepping rule, or cranes on bases
+                that move stand in different gravities.
             ModelError: If the code does not agree with Pinocchio.
         """
         kind: Drive = "velocity"
@@ -105,7 +114,7 @@ class Fleet:
         if not self.cranes:
             raise OutOfRange("number of cranes to choose from", 0, "1 or more")
         self.layout = common_layout(self.cranes)
-        check_precision(precision, Topology.of(self.cranes[0]), {})
+        check_precision(precision, Topology.of(self.cranes[0]), {"a base that moves": base})
         self._lanes = LANES[precision]
         self._clock = clocks(control_period, dt, control_period)
         response, delay_steps = converter_response(self.cranes[0], kind, converters, self._clock)
@@ -122,11 +131,18 @@ class Fleet:
             forces=forces,
             shared=(True, True, not forces),
             delay_steps=delay_steps,
+            base=base,
+            base_by_lane=base,
         )
         self._converters = converters
         self._response = response
         code, self._parameters = compile_kernel(self.cranes, self._recipe, response)
         self._forces_act = forces
+        self.bases: LaneBases | None = None
+        if base:
+            gravity = common_gravity(self.cranes)
+            lanes = -(-self.count // self._lanes) * self._lanes
+            self.bases = LaneBases(lanes, self._clock, gravity)
         self._allocate(code.source.varied)
         self._divide(workers)
         self._bind(code)
@@ -145,13 +161,18 @@ class Fleet:
         """
         sizes = self._sizes
         groups = -(-self.count // self._lanes)
+        root_rows = 0 if self.bases is None else self.bases.rows_per_period
         numbers_of_each = 3 * size(sizes.state) + varied + size(sizes.force) + _OTHER_NUMBERS
+        numbers_of_each += 2 * root_rows * ROOT_NUMBERS
         needed = groups * self._lanes * numbers_of_each
         check_fits_memory("number of cranes", str(self.count), needed)
         self._state = np.zeros((groups, size(sizes.state), self._lanes))
         self._numbers = np.zeros((groups, varied, self._lanes))
         force_rows = groups * self._lanes if self._forces_act else 1
         self._force = np.zeros((force_rows, size(sizes.force)))
+        # The same in the axes of the bases, in which the code computes.
+        self._force_in_base_axes = self._force if self.bases is None else self._force.copy()
+        self._root = np.zeros((groups * self._lanes, root_rows, ROOT_NUMBERS))
         self._z = np.empty((sizes.z, groups, self._lanes))
         self._columns = slices(sizes.state)
 
@@ -169,14 +190,21 @@ class Fleet:
     def _bind(self, code: Kernel) -> None:
         """Bind code to the memory and create a view of it."""
         groups = len(self._state)
-        force_table = single_table(self._force)
+        force_table = single_table(self._force_in_base_axes)
         starts = None
+        root = None
+        root_starts = None
         if self._forces_act:
             # A row of the forces for each lane; all lanes share the other two tables.
             first_rows = np.arange(groups * self._lanes)
-            force_table = RowTable(self._force, 1, first_rows)
+            force_table = RowTable(self._force_in_base_axes, 1, first_rows)
             starts = np.zeros((groups, 3, self._lanes), dtype=np.int64)
             starts[:, 2] = first_rows.reshape(groups, self._lanes)
+        if self.bases is not None:
+            length = self.bases.rows_per_period
+            first_of_each = length * np.arange(groups * self._lanes)
+            root = RowTable(self._root.reshape(-1, ROOT_NUMBERS), length, first_of_each)
+            root_starts = first_of_each.reshape(groups, 1, self._lanes)
         gain_rows, setpoint_rows = command_tables(self._sizes)
         loop = BoundKernel(
             code,
@@ -187,6 +215,8 @@ class Fleet:
             state=self._state,
             numbers=self._numbers,
             starts=starts,
+            root=root,
+            root_starts=root_starts,
         )
         self._step_groups = loop.step_function()
         self.z = read_only(self._z.reshape(len(self._z), -1)[:, : self.count])
@@ -225,6 +255,40 @@ class Fleet:
             allowed = f"{len(rows)}, one for each that is placed"
             raise OutOfRange("cranes chosen", len(kinds), allowed)
         self._put(rows, start_states(start, len(rows), self._sizes.n), kinds)
+
+    def stand_on(
+        self,
+        indices: np.ndarray,
+        bases: BaseMotion | Sequence[BaseMotion | None] | None,
+        t: float | np.ndarray = 0.0,
+    ) -> None:
+        """Let some cranes stand on other bases.
+
+        Coordinates and rates of the cranes, which are relative to their bases, stay as they are.
+
+        Args:
+            indices: Indices of the cranes, shape (k,).
+            bases: Motion of the base of all of them, or k motions; None for a base at rest.
+            t: Time at which a base is now [s], one for all or k; it goes on with each step.
+
+        Raises:
+            OutOfRange: If an index is out of range, one is no motion, there are not as many as
+                cranes, a time is not finite, or the fleet has no bases that move.
+        """
+        if self.bases is None:
+            allowed = "none, unless the fleet is made with base = True"
+            raise OutOfRange("base", short_repr(bases), allowed)
+        rows = _indices("index of a crane", indices, self.count)
+        motions: list[BaseMotion | None]
+        if bases is None or isinstance(bases, BaseMotion):
+            motions = [bases] * len(rows)
+        else:
+            motions = list(bases)
+        if len(motions) != len(rows):
+            allowed = f"{len(rows)}, one for each crane"
+            raise OutOfRange("bases", len(motions), allowed)
+        times = finite("time of the base", t, (), (len(rows),), unit="s")
+        self.bases.stand_on(rows, motions, np.broadcast_to(times, len(rows)))
 
     def push(self, indices: np.ndarray, force: np.ndarray) -> None:
         """Apply external forces to some cranes until they are changed.
@@ -319,8 +383,23 @@ class Fleet:
         waiting = np.concatenate([state[:, delayed], by_group], axis=1)
         state[:, self._columns["last_command"]] = waiting[:, :m]
         state[:, delayed] = waiting[:, m:]
+        lanes = slice(self._lanes * first, self._lanes * last)
+        if self.bases is not None:
+            self._root[lanes] = self.bases.root_numbers(lanes)
+            if self._forces_act:
+                self._force_in_base_axes[lanes] = self._turned_forces(self.bases, lanes)
         self._step_groups(first, last)
+        if self.bases is not None:
+            self.bases.advance(lanes)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
+
+    def _turned_forces(self, bases: LaneBases, lanes: slice) -> np.ndarray:
+        """Return the external forces of some lanes in the axes of their bases [N], shape (lanes, 3
+        points). They are held in these axes for a control period.
+        """
+        in_world = self._force[lanes].reshape(lanes.stop - lanes.start, -1, 3)
+        turned = np.einsum("kij,kpi->kpj", bases.rotations(lanes), in_world)
+        return turned.reshape(len(turned), -1)
 
     def _put(self, rows: np.ndarray, start: State, kinds: np.ndarray) -> None:
         """Set the states and kinds of cranes.

@@ -483,8 +483,8 @@ def force_in_base_axes(force: Any, base: Any, cranes: int, times: np.ndarray) ->
 
 def root_table(
     base: Any,
-    count: int,
     cranes: Sequence[Crane] | Cranes,
+    crane_index: np.ndarray,
     t_start: float,
     clock: Clocks,
     used: int,
@@ -494,36 +494,57 @@ def root_table(
 
     Args:
         base: Motion of the base, one for all cranes or one for each.
-        count: Number of cranes.
         cranes: The distinct cranes.
+        crane_index: Index of each crane among them, shape (cranes,).
         t_start: Time at the start [s].
         clock: How the run is divided.
         used: Numbers of memory already used.
 
     Raises:
-        OutOfRange: If one is no motion, or is not known for the whole run; if they do not fit into
-            4 GB; if the cranes have different gravity, which is part of what they feel.
+        OutOfRange: If one is no motion, or is not known for the whole run, or if they do not fit
+            into 4 GB.
     """
     if base is None:
         return None
-    index, motions = distinct_objects(base, count)
-    gravity = cranes[0].model.gravity.linear.copy()
-    if not isinstance(cranes, Cranes):
-        for crane in cranes:
-            if not np.array_equal(crane.model.gravity.linear, gravity):
-                values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
-                raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
-    length = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
-    needed = used + _COPIES * len(motions) * length * ROOT_NUMBERS
-    check_fits_memory("physics steps on a base", str(length), needed)
-    times = t_start + clock.dt / SAMPLES_PER_STEP * np.arange(length)
-    rows = []
+    motion_index, motions = distinct_objects(base, len(crane_index))
     for motion in motions:
         if not isinstance(motion, BaseMotion):
             allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
             raise OutOfRange("base", type(motion).__name__, allowed)
-        rows.append(motion.frames(times).root_numbers(gravity))
-    return RowTable(np.concatenate(rows), length, length * index)
+    # What a crane feels depends on its base and its gravity: each pair of them has a part.
+    part_of: dict[tuple[int, bytes], int] = {}
+    parts = []
+    distinct = []
+    for i, crane_place in zip(motion_index.tolist(), crane_index.tolist(), strict=True):
+        # `Cranes` are of one description, which has one gravity.
+        crane = cranes[0] if isinstance(cranes, Cranes) else cranes[crane_place]
+        gravity = crane.model.gravity.linear.copy()
+        key = (i, gravity.tobytes())
+        if key not in part_of:
+            part_of[key] = len(part_of)
+            distinct.append((motions[i], gravity))
+        parts.append(part_of[key])
+    length = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
+    needed = used + _COPIES * len(distinct) * length * ROOT_NUMBERS
+    check_fits_memory("physics steps on a base", str(length), needed)
+    times = t_start + clock.dt / SAMPLES_PER_STEP * np.arange(length)
+    rows = [motion.frames(times).root_numbers(gravity) for motion, gravity in distinct]
+    return RowTable(np.concatenate(rows), length, length * np.array(parts, dtype=np.int64))
+
+
+def common_gravity(cranes: Sequence[Crane]) -> np.ndarray:
+    """Return the gravity of all cranes [m/s²], shape (3,), for cranes on bases that move: it is
+    part of what they feel.
+
+    Raises:
+        OutOfRange: If they have different gravity.
+    """
+    gravity = cranes[0].model.gravity.linear.copy()
+    for crane in cranes:
+        if not np.array_equal(crane.model.gravity.linear, gravity):
+            values = f"{crane.gravity:g} and {cranes[0].gravity:g}"
+            raise OutOfRange("gravity of the cranes", values, "one on a moving base", "m/s²")
+    return gravity
 
 
 def offset_tables(offset: Any, cranes: int, sizes: BufferLayout) -> tuple[RowTable, ...]:

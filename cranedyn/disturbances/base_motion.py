@@ -20,7 +20,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -214,16 +214,7 @@ class BaseMotion(ShortRepr):
         except Exception as error:
             message = f"The function of the base failed: {format_error(error)}"
             raise CraneError(message) from error
-        shape = (len(times), len(COORDINATES))
-        coordinates = BaseCoordinates(
-            finite("coordinates of the base", position, shape),
-            finite("rates of the base", velocity, shape),
-            finite("accelerations of the base", acceleration, shape),
-        )
-        largest = float(np.abs(coordinates.position[:, 4]).max(initial=0.0))
-        if largest > MAX_PITCH:
-            raise OutOfRange("pitch of the base", largest, f"-{MAX_PITCH} to {MAX_PITCH}", "rad")
-        return coordinates
+        return checked_coordinates(position, velocity, acceleration, len(times))
 
     def _check_covers(self, times: np.ndarray) -> None:
         """Check that the motion is known at times [s].
@@ -241,62 +232,10 @@ class BaseMotion(ShortRepr):
     def frames(self, times: np.ndarray) -> BaseFrames:
         """Return the frames of the base at times [s], shape (k,).
 
-        The angular velocity in the axes of the base, with roll φ, pitch θ and yaw ψ, is
-
-            ω = (φ̇ - ψ̇ sin θ,  θ̇ cos φ + ψ̇ cos θ sin φ,  -θ̇ sin φ + ψ̇ cos θ cos φ),
-
-        and α is its derivative by time, as the axes of the base turn with ω themselves.
-
         Raises:
             OutOfRange: As `at`.
         """
-        position, velocity, acceleration = self.at(times)
-        roll, pitch, _ = position[:, 3:].T
-        roll_rate, pitch_rate, yaw_rate = velocity[:, 3:].T
-        roll_acceleration, pitch_acceleration, yaw_acceleration = acceleration[:, 3:].T
-        sin_roll = np.sin(roll)
-        cos_roll = np.cos(roll)
-        sin_pitch = np.sin(pitch)
-        cos_pitch = np.cos(pitch)
-
-        # Components of the rate of yaw along the axes of the base, and their derivatives.
-        yaw_x = -sin_pitch
-        yaw_y = cos_pitch * sin_roll
-        yaw_z = cos_pitch * cos_roll
-        yaw_x_rate = -cos_pitch * pitch_rate
-        yaw_y_rate = -sin_pitch * sin_roll * pitch_rate + cos_pitch * cos_roll * roll_rate
-        yaw_z_rate = -sin_pitch * cos_roll * pitch_rate - cos_pitch * sin_roll * roll_rate
-
-        omega = np.stack(
-            [
-                roll_rate + yaw_rate * yaw_x,
-                pitch_rate * cos_roll + yaw_rate * yaw_y,
-                -pitch_rate * sin_roll + yaw_rate * yaw_z,
-            ],
-            axis=1,
-        )
-        alpha = np.stack(
-            [
-                roll_acceleration + yaw_acceleration * yaw_x + yaw_rate * yaw_x_rate,
-                pitch_acceleration * cos_roll
-                - pitch_rate * sin_roll * roll_rate
-                + yaw_acceleration * yaw_y
-                + yaw_rate * yaw_y_rate,
-                -pitch_acceleration * sin_roll
-                - pitch_rate * cos_roll * roll_rate
-                + yaw_acceleration * yaw_z
-                + yaw_rate * yaw_z_rate,
-            ],
-            axis=1,
-        )
-        return BaseFrames(
-            rotation=rotations(position[:, 3:]),
-            origin=position[:, :3],
-            velocity=velocity[:, :3],
-            acceleration=acceleration[:, :3],
-            omega=omega,
-            alpha=alpha,
-        )
+        return frames_of(self.at(times))
 
     def world_velocities(self, t: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the velocities of points in the world [m/s], shape (points, 3), at a time [s].
@@ -309,6 +248,30 @@ class BaseMotion(ShortRepr):
         frames = self.frames(np.array([t]))
         in_base_axes = velocity + np.cross(frames.omega[0], position)
         return frames.velocity[0] + in_base_axes @ frames.rotation[0].T
+
+    def shifted(self, by: float) -> BaseMotion:
+        """Return the motion that is now what this one is later.
+
+        So a run that begins at zero, or an episode of a learning environment, begins somewhere
+        within a record.
+
+        Args:
+            by: Time by which it is later [s].
+
+        Raises:
+            OutOfRange: If it is not finite.
+        """
+        later = number("time by which the base is shifted", by, "s")
+        source = f"{self.source}, from {later:g} s on"
+        if isinstance(self.law, Harmonics):
+            law = self.law
+            turned = Harmonics(law.amplitude, law.frequency, law.phase + later * law.frequency)
+            return BaseMotion(turned, self.first - later, self.last - later, source)
+
+        def moved(times: np.ndarray) -> BaseCoordinates:
+            return self.at(times + later)
+
+        return BaseMotion(moved, self.first - later, self.last - later, source)
 
     def seen_at(self, point: Sequence[float]) -> BaseMotion:
         """Return the motion of a crane that stands elsewhere on the base.
@@ -402,13 +365,61 @@ class MotionSpline:
         return position, position.derivative(1), position.derivative(2)
 
 
+def checked_coordinates(
+    position: np.ndarray, velocity: np.ndarray, acceleration: np.ndarray, count: int
+) -> BaseCoordinates:
+    """Return coordinates, rates and accelerations of bases at so many times, after checking them.
+
+    Raises:
+        OutOfRange: If a number is not finite, or the pitch is beyond `MAX_PITCH`.
+        Misshapen: If an array has another shape than (count, 6).
+    """
+    shape = (count, len(COORDINATES))
+    coordinates = BaseCoordinates(
+        finite("coordinates of the base", position, shape),
+        finite("rates of the base", velocity, shape),
+        finite("accelerations of the base", acceleration, shape),
+    )
+    largest = float(np.abs(coordinates.position[:, 4]).max(initial=0.0))
+    if largest > MAX_PITCH:
+        raise OutOfRange("pitch of the base", largest, f"-{MAX_PITCH} to {MAX_PITCH}", "rad")
+    return coordinates
+
+
+def frames_of(coordinates: BaseCoordinates) -> BaseFrames:
+    """Return the frames of a base at its coordinates."""
+    position, velocity, acceleration = coordinates
+    angles = position[:, 3:].T
+    sines = np.sin(angles)
+    cosines = np.cos(angles)
+    omega, alpha = angular_motion(sines, cosines, velocity[:, 3:].T, acceleration[:, 3:].T)
+    return BaseFrames(
+        rotation=np.array(attitude(sines, cosines)).transpose(2, 0, 1),
+        origin=position[:, :3],
+        velocity=velocity[:, :3],
+        acceleration=acceleration[:, :3],
+        omega=np.stack(omega, axis=1),
+        alpha=np.stack(alpha, axis=1),
+    )
+
+
 def rotations(angles: np.ndarray) -> np.ndarray:
     """Return the attitudes Rz(yaw) Ry(pitch) Rx(roll), shape (k, 3, 3), of roll, pitch and yaw
     [rad], shape (k, 3).
     """
-    sin_roll, sin_pitch, sin_yaw = np.sin(angles).T
-    cos_roll, cos_pitch, cos_yaw = np.cos(angles).T
-    rows = [
+    return np.array(attitude(np.sin(angles).T, np.cos(angles).T)).transpose(2, 0, 1)
+
+
+def attitude(sines: Any, cosines: Any) -> list[list[Any]]:
+    """Return the rows of the attitude Rz(yaw) Ry(pitch) Rx(roll), of any kind of number.
+
+    Args:
+        sines: Sines of roll, pitch and yaw.
+        cosines: Their cosines.
+    """
+    sin_roll, sin_pitch, sin_yaw = sines
+    cos_roll, cos_pitch, cos_yaw = cosines
+    return [
         [
             cos_yaw * cos_pitch,
             cos_yaw * sin_pitch * sin_roll - sin_yaw * cos_roll,
@@ -421,7 +432,65 @@ def rotations(angles: np.ndarray) -> np.ndarray:
         ],
         [-sin_pitch, cos_pitch * sin_roll, cos_pitch * cos_roll],
     ]
-    return np.array(rows).transpose(2, 0, 1)
+
+
+class Turning(NamedTuple):
+    """How a base turns, in its axes.
+
+    Attributes:
+        omega: The three components of the angular velocity [rad/s].
+        alpha: Those of the angular acceleration [rad/s²].
+    """
+
+    omega: list[Any]
+    alpha: list[Any]
+
+
+def angular_motion(sines: Any, cosines: Any, rates: Any, accelerations: Any) -> Turning:
+    """Return angular velocity and acceleration of a base, of any kind of number.
+
+    The angular velocity in the axes of the base, with roll φ, pitch θ and yaw ψ, is
+
+        ω = (φ̇ - ψ̇ sin θ,  θ̇ cos φ + ψ̇ cos θ sin φ,  -θ̇ sin φ + ψ̇ cos θ cos φ),
+
+    and α is its derivative by time, as the axes of the base turn with ω themselves.
+
+    Args:
+        sines: Sines of roll, pitch and yaw.
+        cosines: Their cosines.
+        rates: Rates of the three angles [rad/s].
+        accelerations: Their accelerations [rad/s²].
+    """
+    sin_roll, sin_pitch, _ = sines
+    cos_roll, cos_pitch, _ = cosines
+    roll_rate, pitch_rate, yaw_rate = rates
+    roll_acceleration, pitch_acceleration, yaw_acceleration = accelerations
+
+    # Components of the rate of yaw along the axes of the base, and their derivatives.
+    yaw_x = -sin_pitch
+    yaw_y = cos_pitch * sin_roll
+    yaw_z = cos_pitch * cos_roll
+    yaw_x_rate = -cos_pitch * pitch_rate
+    yaw_y_rate = -sin_pitch * sin_roll * pitch_rate + cos_pitch * cos_roll * roll_rate
+    yaw_z_rate = -sin_pitch * cos_roll * pitch_rate - cos_pitch * sin_roll * roll_rate
+
+    omega = [
+        roll_rate + yaw_rate * yaw_x,
+        pitch_rate * cos_roll + yaw_rate * yaw_y,
+        -pitch_rate * sin_roll + yaw_rate * yaw_z,
+    ]
+    alpha = [
+        roll_acceleration + yaw_acceleration * yaw_x + yaw_rate * yaw_x_rate,
+        pitch_acceleration * cos_roll
+        - pitch_rate * sin_roll * roll_rate
+        + yaw_acceleration * yaw_y
+        + yaw_rate * yaw_y_rate,
+        -pitch_acceleration * sin_roll
+        - pitch_rate * cos_roll * roll_rate
+        + yaw_acceleration * yaw_z
+        + yaw_rate * yaw_z_rate,
+    ]
+    return Turning(omega, alpha)
 
 
 def coordinate_index(name: str) -> int:

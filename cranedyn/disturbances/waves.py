@@ -48,6 +48,9 @@ _FINE_STEPS = 4000
 _LARGEST_MISSED_ENERGY = 0.02
 """Largest share of the energy of the waves at frequencies for which there is no RAO."""
 
+_SEEDS = 2**32
+"""Number of seeds from which a random sea is drawn."""
+
 _HEADING_TOLERANCE = 1e-6
 """Difference at which two headings are one [°]."""
 
@@ -288,6 +291,67 @@ def motion_in_waves(
         f"seed {seed}"
     )
     return BaseMotion(Harmonics(np.abs(response), frequency, phase), source=source)
+
+
+@dataclass(frozen=True, eq=False)
+class RandomSea:
+    """What draws motions of a ship in waves at random, such as one for each episode of a learning
+    environment: the sea, the heading and the phases of the waves.
+
+    Attributes:
+        spectra: Spectra of the waves; each is as likely as the others.
+        raos: Response amplitude operators of the ship, one for each heading; each is as likely.
+        components: Number of waves. A learning environment sums their sines in each control period,
+            so that fewer of them cost less.
+    """
+
+    spectra: Sequence[Jonswap]
+    raos: Sequence[Raos]
+    components: int = 60
+
+    def __post_init__(self) -> None:
+        """Check that there is something to draw from.
+
+        Raises:
+            OutOfRange: If there is none, or the operators of a heading do not cover the waves.
+        """
+        for name, values in (("spectra", self.spectra), ("RAOs", self.raos)):
+            if not len(values):
+                raise OutOfRange(f"number of {name}", 0, "1 or more")
+        whole("number of waves", self.components, 1)
+        for spectrum in self.spectra:
+            for raos in self.raos:
+                motion_in_waves(spectrum, raos, seed=0, components=self.components)
+
+    @classmethod
+    def from_file(
+        cls,
+        spectra: Jonswap | Sequence[Jonswap],
+        path: str | Path,
+        headings: Sequence[float],
+        components: int = 60,
+    ) -> RandomSea:
+        """Return seas whose operators are those of a file, see `Raos.from_file`.
+
+        Args:
+            spectra: Spectrum of the waves, or several.
+            path: The file.
+            headings: Headings of the waves [°], of those in the file.
+            components: Number of waves.
+
+        Raises:
+            DataError, OutOfRange: As `Raos.from_file`, and as of `RandomSea`.
+        """
+        several = [spectra] if isinstance(spectra, Jonswap) else list(spectra)
+        raos = [Raos.from_file(path, heading) for heading in headings]
+        return cls(several, raos, components)
+
+    def __call__(self, rng: np.random.Generator) -> BaseMotion:
+        """Draw a motion."""
+        spectrum = self.spectra[int(rng.integers(len(self.spectra)))]
+        raos = self.raos[int(rng.integers(len(self.raos)))]
+        seed = int(rng.integers(_SEEDS))
+        return motion_in_waves(spectrum, raos, seed=seed, components=self.components)
 
 
 def significant_motion(spectrum: Jonswap, raos: Raos) -> np.ndarray:

@@ -254,18 +254,40 @@ def cylinder_columns(crane: Crane, run: Trajectory) -> dict[str, np.ndarray]:
         OutOfRange: If the run is of another crane, or a number is not finite.
     """
     run.check_coordinates(crane.layout.columns()["q"])
+    return cylinder_values(crane, run.q, run.v, run.effort)
+
+
+def cylinder_values(
+    crane: Crane, q: np.ndarray, v: np.ndarray, effort: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return what the cylinders of a crane do at states and efforts of any number of axes, such as
+    those of a batch: ``cylinder_values(crane, batch.q, batch.v, batch.effort)``.
+
+    Args:
+        crane: The crane.
+        q: Coordinates, shape (..., n).
+        v: Their rates, shape (..., n).
+        effort: Efforts of the drives, shape (..., m).
+
+    Returns:
+        The columns of `cylinder_columns` by their names, shape (...) each.
+
+    Raises:
+        ModelError: As `read_cylinders`.
+        OutOfRange: If a number is not finite.
+    """
     drives = crane.layout.drives.tolist()
     columns = {}
     for cylinder in read_cylinders(crane):
-        q = run.q[:, cylinder.joint]
+        coordinate = q[..., cylinder.joint]
         called = f"{cylinder.symbol}_cylinder"
-        columns[f"{called}_length_m"] = cylinder.length(q)
-        columns[f"{called}_rate_m_s"] = cylinder.lever_arm(q) * run.v[:, cylinder.joint]
+        columns[f"{called}_length_m"] = cylinder.length(coordinate)
+        columns[f"{called}_rate_m_s"] = cylinder.lever_arm(coordinate) * v[..., cylinder.joint]
         if cylinder.joint in drives:
-            force = cylinder.force(q, run.effort[:, drives.index(cylinder.joint)])
+            force = cylinder.force(coordinate, effort[..., drives.index(cylinder.joint)])
             columns[f"{called}_force_N"] = force
             columns[f"{called}_pressure_Pa"] = force / cylinder.area
-    return {name: finite(name, column, ("rows",)) for name, column in columns.items()}
+    return {name: finite(name, column, q.shape[:-1]) for name, column in columns.items()}
 
 
 @dataclass(frozen=True)
@@ -315,28 +337,28 @@ class Pump:
 
     def volumes(self, q: np.ndarray) -> np.ndarray:
         """Return the oil that each drive takes for a unit of its coordinate [m³/rad or m³/m], shape
-        (m,), at coordinates of shape (n,); 0 for a drive that is not on this pump.
+        (..., m), at coordinates of shape (..., n); 0 for a drive that is not on this pump.
         """
-        volumes = np.zeros(self.crane.layout.m)
+        volumes = np.zeros((*q.shape[:-1], self.crane.layout.m))
         drives = self.crane.layout.drives.tolist()
         for symbol, volume in self.motors.items():
-            volumes[drives.index(self.crane.layout.index(symbol))] = volume
+            volumes[..., drives.index(self.crane.layout.index(symbol))] = volume
         for cylinder in self.cylinders:
             if cylinder.joint in drives:
-                volume = float(cylinder.volume(q[cylinder.joint]))
-                volumes[drives.index(cylinder.joint)] = volume
+                drive = drives.index(cylinder.joint)
+                volumes[..., drive] = cylinder.volume(q[..., cylinder.joint])
         return volumes
 
     def limited(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
-        """Return rates of the drives that the pump can feed [rad/s or m/s], shape (m,): those asked
-        for, or, where Σ volume |rate| is more than its flow, all on it scaled down alike.
+        """Return rates of the drives that the pump can feed [rad/s or m/s], shape (..., m): those
+        asked for, or, where Σ volume |rate| is more than its flow, all on it scaled down alike.
 
         Args:
-            q: Coordinates [rad or m], shape (n,).
-            rates: Rates that are asked for, shape (m,).
+            q: Coordinates [rad or m], shape (..., n): of one crane, or of many.
+            rates: Rates that are asked for, shape (..., m).
         """
         volumes = self.volumes(q)
-        needed = float(volumes @ np.abs(rates))
-        if needed <= self.flow:
-            return rates
-        return np.where(volumes > 0.0, rates * (self.flow / needed), rates)
+        needed = (volumes * np.abs(rates)).sum(axis=-1, keepdims=True)
+        # Where nothing is needed, the share is 1, and no zero divides.
+        share = self.flow / np.maximum(needed, max(self.flow, np.finfo(float).tiny))
+        return np.where(volumes > 0.0, rates * share, rates)

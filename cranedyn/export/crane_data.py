@@ -254,7 +254,7 @@ def remove_control(robot: ET.Element) -> list[str]:
     An exported crane is moved by the interfaces that the exporter writes. A plugin of its own file
     would act beside them, or fail, since the file of its settings is on the machine on which the
     URDF was written. Tags that make a link move otherwise than in this project, such as without
-    gravity, are removed, too.
+    gravity, are removed, too, and cylinders, which only this project reads.
 
     Returns:
         A sentence on each element that was removed, for the reader of the export.
@@ -272,6 +272,8 @@ def remove_control(robot: ET.Element) -> list[str]:
             where = block.get("reference", "the crane")
             if child.tag == "plugin":
                 notes.append(f"The plugin {quoted(name)} is left out.")
+            elif child.tag == CYLINDER_TAG:
+                notes.append(f"The cylinder of {quoted(where)} is left out: its drive acts there.")
             elif child.tag in _GAZEBO_DYNAMICS:
                 notes.append(f"<{child.tag}> {quoted(name)} of {quoted(where)} is left out.")
             else:

@@ -156,6 +156,7 @@ def export(
     duration: float = 30.0,
     version: Version = 3,
     platforms: Sequence[str] = (),
+    base: bool = False,
 ) -> Path:
     """Write a crane, or a controller for it, as an FMU.
 
@@ -163,6 +164,12 @@ def export(
     communication step, which is a multiple of `dt`; its outputs are the state, the efforts, the
     energy, and whether the model holds. It moves as in `simulate` with validity="mark" and the
     communication step as control period. Its parameters can be changed while it runs.
+
+    With `base` the crane stands on a base that moves, whose motion is an input, see
+    `cranedyn.compiled.crane_block.base_inputs`. In model exchange the base moves as smoothly as the
+    importer lets it. In co-simulation its motion is held over a communication step H like all
+    inputs: values from the beginning of each step let the base move H/2 late, and values from the
+    middle leave an error of the order of H².
 
     The inputs of a controller are the measured state and the setpoints, its outputs the commands.
     They follow the inputs at once; a step of one control period advances the memory.
@@ -179,6 +186,7 @@ def export(
         version: Version of FMI.
         platforms: Names in `PLATFORMS`; none for this kind of machine. Other kinds need the extra
             ``cross``.
+        base: Whether the base on which the crane stands moves; not for a controller.
 
     Raises:
         OutOfRange: If a number is out of range, or there is no code for the stepping rule.
@@ -197,7 +205,9 @@ def export(
         if name not in PLATFORMS:
             raise UnknownName("platform", name, PLATFORMS)
     if controller is None:
-        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator)
+        block = crane_block(crane, drive=drive, dt=dt, integrator=integrator, base=base)
+    elif base:
+        raise OutOfRange("base", True, "False for a controller, which has no base")
     else:
         block = controller_block(
             crane, controller, drive=drive, control_period=control_period, duration=duration
@@ -634,6 +644,9 @@ def add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="T",
         help=f"time from one call of the controller to the next [s] (default: {CONTROL_PERIOD})",
     )
+    parser.add_argument(
+        "--base", action="store_true", help="the motion of the crane's base is an input"
+    )
     parser.add_argument("--fmi", type=int, choices=(2, 3), default=3, help="version of FMI")
     parser.add_argument(
         "--platform",
@@ -661,9 +674,12 @@ def run(options: argparse.Namespace) -> Path:
             dt=PHYSICS_STEP if options.dt is None else options.dt,
             version=options.fmi,
             platforms=platforms,
+            base=options.base,
         )
     if options.dt is not None:
         raise DataError("--dt has no effect with --controller, which has no physics; leave it out.")
+    if options.base:
+        raise DataError("--base has no effect with --controller, which has no base; leave it out.")
     period = CONTROL_PERIOD if options.period is None else options.period
     controller, drive = controller_from_options(options, crane, period)
     return export(

@@ -13,12 +13,13 @@ from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-from scipy.interpolate import BSpline, CubicSpline
+from scipy.interpolate import BSpline, CubicSpline, make_interp_spline
 
 from cranedyn.checks import as_array, finite
 from cranedyn.data.columns import BASE_COLUMNS
 from cranedyn.data.external import Source, load_external
 from cranedyn.data.logs import open_log
+from cranedyn.disturbances.base_motion import UNITS, BaseCoordinates, BaseMotion
 from cranedyn.dynamics.equations_of_motion import natural_frequencies
 from cranedyn.errors import DataError
 from cranedyn.identification.period import possible_periods, recorded_period
@@ -64,6 +65,9 @@ _NOTABLE_NOISE = 0.2
 """Noise of a smoothed acceleration [m/s² or rad/s²] from which on it is told. It takes its square
 over that of gravity from the mass that a hoist weighs, which is 0.04 % here."""
 
+_BASE_DEGREE = 5
+"""Degree of the spline through exact coordinates of a base: accelerations are smooth."""
+
 _MIN_LEVELS = 20
 """Least number of values of a setpoint that changes gradually; one with fewer may jump."""
 
@@ -93,6 +97,8 @@ class Record:
         unsmoothed: Values as recorded of each column that was smoothed and has a fresh value in
             each row, by name, shape (rows,) each.
         signs: Sign with which each column was taken that has not the recorded one, -1, by name.
+        base: Recorded motion of the base on which the crane stands; None for a base at rest. Its
+            times count as in the record.
     """
 
     name: str
@@ -104,6 +110,7 @@ class Record:
     curves: Mapping[str, SmoothCurve] = field(default_factory=dict)
     unsmoothed: Mapping[str, np.ndarray] = field(default_factory=dict)
     signs: Mapping[str, int] = field(default_factory=dict)
+    base: BaseMotion | None = None
 
     @classmethod
     def of(
@@ -116,7 +123,12 @@ class Record:
         until: float = math.inf,
     ) -> Record:
         """Return a record from columns, among them ``t_s`` and a swing; columns other than those of
-        drives and swings are left out.
+        drives, swings and the base are left out.
+
+        A crane on a base that moves has columns of it, see `cranedyn.data.columns.BASE_COLUMNS`:
+        the place and the attitude of the crane's own origin, in the frames and with the signs of
+        `cranedyn.disturbances.base_motion`. Coordinates without a column stay zero. The swing is
+        then that relative to the crane, as encoders see it, and not that from the plumb line.
 
         Args:
             crane: Crane with prior values.
@@ -138,6 +150,7 @@ class Record:
         # Period and length are judged by the rows as recorded, before columns are smoothed.
         as_recorded = cls(name, crane, t, recorded)
         remarks_on_period = _check_period(as_recorded)
+        remarks_on_base = _remarks_on_base(as_recorded)
         _check_length(as_recorded)
 
         fresh = _resample(crane, t, recorded)
@@ -148,10 +161,11 @@ class Record:
             crane=crane,
             t=fresh.t,
             columns=fresh.columns,
-            notes=(*notes, *remarks_on_period),
+            notes=(*notes, *remarks_on_base, *remarks_on_period),
             resolution={key: curve.sampled.resolution for key, curve in fresh.curves.items()},
             curves=fresh.curves,
             unsmoothed=fresh.unsmoothed,
+            base=fresh.base,
         )
         _check_rates(record)
         return record
@@ -239,18 +253,74 @@ class Record:
         """
         columns = dict(self.columns)
         unsmoothed = dict(self.unsmoothed)
+        of_base = dict[str, BSpline]()
         for key, curve in self.curves.items():
             again = curve.measured_again(shifts[key], rng)
+            if key in BASE_COLUMNS:
+                of_base[key] = again
+                continue
             if key in unsmoothed:
                 # The errors as recorded stay; only what the smoothing makes of them moves.
                 unsmoothed[key] = unsmoothed[key] + again(self.t) - columns[key]
             columns |= _on_curve(self.crane, key, again, self.t)
-        return replace(self, columns=columns, unsmoothed=unsmoothed)
+        base = self.base
+        if of_base:
+            assert base is not None and isinstance(base.law, RecordedBase)
+            base = _base_motion({**base.law.curves, **of_base}, base.law.last)
+        return replace(self, columns=columns, unsmoothed=unsmoothed, base=base)
 
     def moves(self, column: str) -> bool:
         """Return whether a column was recorded and is not constant."""
         values = self.columns.get(column)
         return values is not None and bool(np.ptp(values) > _STANDSTILL_RANGE)
+
+
+@dataclass(frozen=True, eq=False)
+class RecordedBase:
+    """Law of motion of a base by curves through its recorded coordinates.
+
+    Attributes:
+        curves: Curves through the columns, by their names in `BASE_COLUMNS`.
+        last: Time of the last row [s]. Before the first and after the last row, the motion is that
+            there.
+    """
+
+    curves: Mapping[str, BSpline]
+    last: float
+
+    def __call__(self, times: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates with rates and accelerations at times [s], shape (k,)."""
+        inside = np.clip(times, 0.0, self.last)
+        orders = np.zeros((3, len(times), len(BASE_COLUMNS)))
+        for column, key in enumerate(BASE_COLUMNS):
+            curve = self.curves.get(key)
+            if curve is not None:
+                for order in range(3):
+                    orders[order][:, column] = curve(inside, order)
+        return BaseCoordinates(*orders)
+
+
+def _base_motion(curves: Mapping[str, BSpline], last: float) -> BaseMotion | None:
+    """Return the motion of a base; None for one of which nothing is recorded."""
+    return BaseMotion(RecordedBase(curves, last), source="a record") if curves else None
+
+
+def _remarks_on_base(record: Record) -> list[str]:
+    """Return a sentence on the base if it is recorded, else none."""
+    recorded = [key for key in BASE_COLUMNS if key in record.columns]
+    if not recorded:
+        return []
+    remark = f"{record.name}: the crane stands on a base with {', '.join(recorded)}"
+    if not _base_moves(record):
+        return [f"{remark}, which stands still."]
+    return [
+        f"{remark}; its swing is taken as that relative to the crane, and its period is not judged."
+    ]
+
+
+def _base_moves(record: Record) -> bool:
+    """Return whether the base of a record moves."""
+    return any(record.moves(key) for key in BASE_COLUMNS)
 
 
 def _checked_columns(
@@ -310,6 +380,7 @@ class _FreshRows:
         curves: Smooth curves by the columns that they were made of.
         unsmoothed: These columns as recorded where each row is fresh, shape (rows,) each.
         remarks: What was done, a sentence each.
+        base: Motion of the base; None if none is recorded.
     """
 
     t: np.ndarray
@@ -317,6 +388,7 @@ class _FreshRows:
     curves: dict[str, SmoothCurve]
     unsmoothed: dict[str, np.ndarray]
     remarks: list[str]
+    base: BaseMotion | None
 
 
 def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) -> _FreshRows:
@@ -356,7 +428,19 @@ def _resample(crane: Crane, t: np.ndarray, columns: Mapping[str, np.ndarray]) ->
         if has_both and position not in curves and not samples(t, columns[rate]).is_exact(1):
             # The positions are exact: their derivative is better than the recorded rate.
             fresh[rate] = CubicSpline(t, columns[position])(t[rows], 1)
-    return _FreshRows(t[rows], fresh, curves, unsmoothed, remarks)
+    of_base = dict[str, BSpline]()
+    for key, unit in zip(BASE_COLUMNS, UNITS, strict=True):
+        if key not in columns:
+            continue
+        sampled = samples(t, columns[key])
+        if np.ptp(columns[key]) > _STANDSTILL_RANGE and _needs_smoothing(t, sampled, 2):
+            curves[key] = smooth(t, columns[key], sampled)
+            of_base[key] = curves[key].spline
+            remarks.append(_remark_on_curve(key, unit, curves[key], is_position=True))
+        else:
+            of_base[key] = make_interp_spline(t, columns[key], k=_BASE_DEGREE)
+    base = _base_motion(of_base, float(t[-1]))
+    return _FreshRows(t[rows], fresh, curves, unsmoothed, remarks, base)
 
 
 def _smooth_curves(
@@ -405,9 +489,21 @@ def _on_curve(crane: Crane, key: str, curve: BSpline, t: np.ndarray) -> dict[str
 
 
 def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
-    """Return a sentence on what was smoothed, and by how much."""
-    sampled = curve.sampled
+    """Return a sentence on what was smoothed of a drive, and by how much."""
     unit = joint.unit if key != joint.columns[1] else f"{joint.unit}/s"
+    return _remark_on_curve(key, unit, curve, is_position=key == joint.columns[0])
+
+
+def _remark_on_curve(key: str, unit: str, curve: SmoothCurve, *, is_position: bool) -> str:
+    """Return a sentence on how a column was smoothed, and by how much.
+
+    Args:
+        key: The column.
+        unit: Its unit.
+        curve: The curve.
+        is_position: Whether its second derivative is an acceleration.
+    """
+    sampled = curve.sampled
     fresh = f"{key} brings a fresh value every {1e3 * sampled.interval:.0f} ms"
     if sampled.resolution > 0.0:
         fresh += f" in steps of {sampled.resolution:.2g} {unit}"
@@ -417,8 +513,8 @@ def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
     doubt = ""
     if curve.misfit > _MAX_MISFIT:
         doubt = f"deviates from any smooth motion by {math.sqrt(curve.misfit):.2g} times as much"
-    elif key == joint.columns[0] and curve.acceleration_noise > _NOTABLE_NOISE:
-        noise = f"{curve.acceleration_noise:.2g} {joint.unit}/s²"
+    elif is_position and curve.acceleration_noise > _NOTABLE_NOISE:
+        noise = f"{curve.acceleration_noise:.2g} {unit}/s²"
         doubt = f"changes so abruptly that noise of {noise} is left in its acceleration"
     if doubt:
         return f"{remark[:-1]}, but it {doubt}: intervals may not hold the truth."
@@ -426,12 +522,13 @@ def _smoothing_remark(key: str, joint: Joint, curve: SmoothCurve) -> str:
 
 
 def relevant_columns(crane: Crane, present: Collection[str]) -> list[str]:
-    """Return those of some columns that identification reads: times, swings, and the drives with
-    their setpoints and efforts. The rate of a swing is read where its angle is not there.
+    """Return those of some columns that identification reads: times, swings, the drives with their
+    setpoints and efforts, and the base. The rate of a swing is read where its angle is not there.
     """
     names = ["t_s", *_swing_columns(crane, present)]
     for joint in crane.layout.driven:
         names += [*joint.columns, joint.setpoint_column, joint.effort_column]
+    names += BASE_COLUMNS
     return [name for name in names if name in present]
 
 
@@ -456,7 +553,8 @@ def load_record(
     since: float = -math.inf,
     until: float = math.inf,
 ) -> Record:
-    """Load a record from a file; columns other than those of drives and swings are not read.
+    """Load a record from a file; columns other than those of drives, swings and the base are not
+    read.
 
     Args:
         path: A table in a format of `cranedyn.data.logs`; or ``.mcap``, ``.db3``, ``.bag`` or a
@@ -471,8 +569,7 @@ def load_record(
 
     Raises:
         DataError: As `cranedyn.data.external.read_external`,
-            `cranedyn.interop.bags.read_joint_states` and `Record.of`; if the crane stands on a base
-            that moves.
+            `cranedyn.interop.bags.read_joint_states` and `Record.of`.
         UnknownName: If a source names an unknown column.
     """
     path = Path(path)
@@ -485,12 +582,6 @@ def load_record(
         return Record.of(crane, data, name=path.name, since=since, until=until)
     sources = sources or {}
     log = open_log(path)
-    moving = [column for column in BASE_COLUMNS if column in log.names]
-    if moving:
-        raise DataError(
-            f"{path} has {moving[0]}, so that its crane stands on a base that moves; "
-            "identification knows none. Leave the columns out only if the base stood still."
-        )
     names = relevant_columns(crane, {"t_s", *log.names, *sources})
     table = load_external(
         log,
@@ -609,6 +700,9 @@ def _check_period(record: Record) -> list[str]:
     """
     own = record.recorded_period
     crane = record.crane
+    if _base_moves(record):
+        # The load swings in the period of the base, too, whatever that of the crane is.
+        return []
     if own is None or 1.0 / _REMARKABLE_RATIO < own / record.swing_period < _REMARKABLE_RATIO:
         return []
     offset = 0.0

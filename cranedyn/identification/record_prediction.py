@@ -176,6 +176,7 @@ class _RecordSimulation:
             drive=self.drive,
             integrator=rk4,
             record=1,
+            base=self.record.base,
         )
 
     def start(self) -> State:
@@ -543,4 +544,5 @@ class Model(EstimationProblem):
             engine="compiled",
             validity="mark",
             integrator=rk4,
+            base=simulation.record.base,
         )

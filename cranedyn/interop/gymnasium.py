@@ -24,11 +24,13 @@ import numpy as np
 
 from cranedyn.checks import as_array, short_repr, whole
 from cranedyn.compiled.kernel import Precision
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.disturbances.wind import constant_force
 from cranedyn.dynamics.converters import Converters
+from cranedyn.dynamics.cylinders import Pump
 from cranedyn.errors import CraneError, OutOfRange, UnknownName
 from cranedyn.interfaces import Setpoint, State
-from cranedyn.interop.task import DT, INTEGRATOR, EpisodeStart, Rules, SwingTask
+from cranedyn.interop.task import DT, INTEGRATOR, BaseDraw, EpisodeStart, Rules, SwingTask
 from cranedyn.interop.tower_task import TowerSwingTask
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -101,6 +103,9 @@ class CraneVectorEnv(gym.vector.VectorEnv):
         converters: Converters | None = Rules.converters,
         tolerance: float = Rules.tolerance,
         efforts: Sequence[float] | None = Rules.efforts,
+        pump: Pump | None = Rules.pump,
+        base: BaseMotion | BaseDraw | None = Rules.base,
+        base_measured: bool = Rules.base_measured,
     ) -> None:
         """Create the cranes; no episode begins before `reset`.
 
@@ -129,6 +134,11 @@ class CraneVectorEnv(gym.vector.VectorEnv):
                 to control periods; None for drives that follow their commands exactly.
             tolerance: Distance to the goal up to which ``is_success`` is true [m].
             efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
+            pump: Pump that the drives share, see `Rules`; None for none.
+            base: What draws the motion of the base for each episode from a random generator, such
+                as `cranedyn.disturbances.waves.RandomSea`, or one motion for all; None for a base
+                at rest.
+            base_measured: Whether the motion of the base is observed, too, see `Rules`.
 
         Raises:
             ModelError: If the load of a crane does not hang from driven joints.
@@ -158,6 +168,9 @@ class CraneVectorEnv(gym.vector.VectorEnv):
             converters=converters,
             tolerance=tolerance,
             efforts=efforts,
+            pump=pump,
+            base=base,
+            base_measured=base_measured,
         )
         cranes = self.task_type.default_crane() if crane is None else crane
         self.task = self.task_type(
@@ -301,6 +314,9 @@ class CraneEnv(gym.Env):
         converters: Converters | None = Rules.converters,
         tolerance: float = Rules.tolerance,
         efforts: Sequence[float] | None = Rules.efforts,
+        pump: Pump | None = Rules.pump,
+        base: BaseMotion | BaseDraw | None = Rules.base,
+        base_measured: bool = Rules.base_measured,
     ) -> None:
         """Create the crane; an episode begins with `reset`.
 
@@ -325,6 +341,11 @@ class CraneEnv(gym.Env):
                 to control periods; None for drives that follow their commands exactly.
             tolerance: Distance to the goal up to which ``is_success`` is true [m].
             efforts: Efforts that actions of 1 add with action = "effort" [N m or N], see `Rules`.
+            pump: Pump that the drives share, see `Rules`; None for none.
+            base: What draws the motion of the base for each episode from a random generator, such
+                as `cranedyn.disturbances.waves.RandomSea`, or one motion for all; None for a base
+                at rest.
+            base_measured: Whether the motion of the base is observed, too, see `Rules`.
 
         Raises:
             ModelError: If the load of a crane does not hang from driven joints.
@@ -346,6 +367,9 @@ class CraneEnv(gym.Env):
             converters=converters,
             tolerance=tolerance,
             efforts=efforts,
+            pump=pump,
+            base=base,
+            base_measured=base_measured,
         )
         cranes = self.task_type.default_crane() if crane is None else crane
         self.task = self.task_type(cranes, 1, rules, control_period, dt, threads=1)
@@ -504,6 +528,9 @@ class CraneEnv(gym.Env):
         frames_fit &= self.task.rules.converters is None
         crane = self.task.crane_of(0)
         force = self.task.force_on(0)
+        base = self.task.base_of(0)
+        # From one control instant to the next, a force turns with the base.
+        frames_fit &= base is None or not any(force)
         return simulate(
             crane,
             repeat,
@@ -517,12 +544,13 @@ class CraneEnv(gym.Env):
             disturbance=constant_force(crane, payload=force) if any(force) else None,
             validity="mark",
             engine="compiled",
+            base=base,
         )
 
 
 def _spaces(task: SwingTask) -> tuple[gym.spaces.Box, gym.spaces.Box]:
     """Return the spaces of observations and actions."""
-    low, high = task.view.bounds()
+    low, high = task.bounds()
     actions = gym.spaces.Box(-1.0, 1.0, (task.layout.m,), np.float32)
     return gym.spaces.Box(low, high, dtype=np.float32), actions
 

@@ -5,6 +5,9 @@ starts and goals of episodes (`begin`), turns actions into commands of the drive
 cranes (`act`), and observes and rewards them. `cranedyn.interop.tower_task` is the same task with
 the observations of a tower crane, and `cranedyn.interop.gymnasium` makes environments of both.
 
+The cranes may stand on bases that move, such as ships (`Rules.base`). Coordinates, goals and
+distances are then those relative to the base, and the load shall come to rest there.
+
 Arrays have a column for each of n cranes. Angles are in rad, lengths in m, times in s. A state z is
 the coordinates and then their rates, shape (2 coordinates, n).
 """
@@ -22,8 +25,10 @@ import numpy as np
 from cranedyn.checks import finite, number, short_repr, whole, within
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.compiled.kernel import Precision
+from cranedyn.disturbances.base_motion import COORDINATES, BaseMotion
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.converters import Converters, converters
+from cranedyn.dynamics.cylinders import Pump
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.dynamics.linearisation import linear
@@ -102,6 +107,19 @@ _MAX_MODE_STEP = 2.5
 & Wanner, Solving Ordinary Differential Equations II, IV.2)."""
 
 
+BaseDraw = Callable[[np.random.Generator], BaseMotion]
+"""Function that draws the motion of a base, see `Rules`."""
+
+BASE_OBSERVED = (
+    *(f"base_{name}" for name in COORDINATES),
+    *(f"base_{name}_dot" for name in COORDINATES),
+)
+"""Names of the observations of a base: its coordinates [m or rad] and their rates."""
+
+MAX_BASE_OBSERVED = 100.0
+"""Bound of these observations [SI units]; what is beyond is observed at the bound."""
+
+
 @dataclass(frozen=True, eq=False)
 class Rules:
     """Rules of the task.
@@ -134,6 +152,14 @@ class Rules:
         efforts: Efforts of the drives that actions of 1 add with action = "effort" [N m or N]; None
             for what the effort limits of the crane leave beside the effort that holds it, but at
             most half of what takes a drive in one control period from rest to its rate limit.
+        pump: Pump that the drives share, for action = "velocity": where the rates that the actions
+            ask for take more oil than it gives, all drives on it are slowed down alike. None for
+            drives that share none.
+        base: What draws the motion of the base for an episode from a random generator, such as
+            `cranedyn.disturbances.waves.RandomSea` or a function of your own; or one motion for all
+            episodes. An episode begins at the time 0 of its motion. None for a base at rest.
+        base_measured: Whether the motion of the base is observed, too, as a motion reference unit
+            measures it: behind all else its six coordinates [m or rad] and their rates.
     """
 
     action: str = "velocity"
@@ -146,6 +172,9 @@ class Rules:
     converters: Converters | None = None
     tolerance: float = 0.05
     efforts: Sequence[float] | None = None
+    pump: Pump | None = None
+    base: BaseMotion | BaseDraw | None = None
+    base_measured: bool = False
 
     def __post_init__(self) -> None:
         if self.action not in ACTIONS:
@@ -157,6 +186,13 @@ class Rules:
         within("tolerance", self.tolerance, 0.0, _MAX_TOLERANCE, "m")
         if self.efforts is not None and self.action != "effort":
             raise OutOfRange("efforts", "given", f"None where action = {self.action}")
+        if not (self.base is None or isinstance(self.base, BaseMotion) or callable(self.base)):
+            allowed = "a BaseMotion, or a function that draws one from a random generator"
+            raise OutOfRange("base", short_repr(self.base), allowed)
+        if self.pump is not None and self.action != "velocity":
+            raise OutOfRange("pump", "given", f"None where action = {self.action}")
+        if self.base_measured and self.base is None:
+            raise OutOfRange("base_measured", True, "False where there is no base")
         if self.converters is None:
             return
         if self.action != "velocity":
@@ -312,8 +348,11 @@ class SwingTask:
             control_period=period,
             threads=threads,
             precision=precision,
+            base=rules.base is not None,
         )
         self.layout = self.fleet.layout
+        if rules.pump is not None and rules.pump.crane.layout != self.layout:
+            raise OutOfRange("pump", "one of another crane", "a pump of the crane of the task")
         self._gravity = _common_gravity(self.fleet.cranes)
         self._set_limits()
         if rules.action == "effort":
@@ -532,6 +571,10 @@ class SwingTask:
             if kinds is None:
                 kinds = np.zeros(action.shape[1], dtype=int)
             return self._holding[kinds].T + action * self.efforts[:, None]
+        if self.rules.pump is not None:
+            rates = action * self._rates[:, None]
+            fed = self.rules.pump.limited(z[: self.layout.n].T, rates.T).T
+            action = fed / self._rates[:, None]
         if self.rules.converters is not None:
             return rate_code(self.layout, self._reaction_times, self.drive_limits)(action, z)
         return acceleration_code(*self._acceleration_key)(action, z)
@@ -615,6 +658,8 @@ class SwingTask:
         self.crane_index[rows] = kinds
         if self.rules.wind:
             self._draw_wind(rng, rows)
+        if self.rules.base is not None:
+            self._draw_bases(rng, rows)
         # A new array, since the infos of earlier steps hold the old one.
         self.goal_distance = self.goal_distance.copy()
         unused = np.empty((n, len(self.view.names)), dtype=np.float32)
@@ -652,6 +697,21 @@ class SwingTask:
         # The force is that on a load at rest: its own velocity is neglected.
         self._force[rows, :2] = drag_force(self.rules.payload_area, wind)
         self.fleet.push(rows, self._force[rows])
+
+    def _draw_bases(self, rng: np.random.Generator, rows: np.ndarray) -> None:
+        """Draw the bases for the episodes of some cranes, each with random numbers of its own."""
+        base = self.rules.base
+        if base is None or isinstance(base, BaseMotion):
+            self.fleet.stand_on(rows, base)
+        else:
+            # A generator for each crane: how many numbers a motion draws does not matter to others.
+            self.fleet.stand_on(rows, [base(generator) for generator in rng.spawn(len(rows))])
+
+    def base_of(self, index: int) -> BaseMotion | None:
+        """Return on which base the crane of a column stands in the present episode; None for one at
+        rest.
+        """
+        return None if self.fleet.bases is None else self.fleet.bases.motion(index)
 
     def crane_of(self, index: int) -> Crane:
         """Return which crane the present episode of a column has."""
@@ -691,7 +751,7 @@ class SwingTask:
         too_large = np.abs(action) > 1.0
         if too_large.any():
             raise OutOfRange("action", float(action[too_large][0]), "-1 to 1")
-        observations = np.empty((n, len(self.view.names)), dtype=np.float32)
+        observations = np.empty((n, len(self.observed)), dtype=np.float32)
         result = ActResult(np.empty(n), np.empty(n, dtype=bool), observations)
         self.goal_distance = np.empty(n)
 
@@ -711,6 +771,8 @@ class SwingTask:
             step(slice(n), self.fleet.step)
         else:
             self.fleet.spread(step_chunk)
+        if self.rules.base_measured:
+            self._observe_bases(slice(None), observations)
         return result
 
     def _judge(self, columns: slice, z: np.ndarray, result: ActResult) -> None:
@@ -720,7 +782,7 @@ class SwingTask:
             self.goal[:, columns],
             self._target[:, columns],
             self.crane_index[columns],
-            result.observations[columns],
+            result.observations[columns, : len(self.view.names)],
         )
         # Written with "not smaller", a swing that is not a number is beyond the limit, too.
         has_failed = ~(swing_squared < self.rules.swing_limit**2)
@@ -749,7 +811,17 @@ class SwingTask:
     @property
     def observed(self) -> tuple[str, ...]:
         """Names of the observations in their order, such as x_to_go, x, x_dot, phi, phi_dot."""
-        return self.view.names
+        return (*self.view.names, *(BASE_OBSERVED if self.rules.base_measured else ()))
+
+    def bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the smallest and the largest possible observations, in single precision, shape
+        (observed,) each.
+        """
+        low, high = self.view.bounds()
+        if not self.rules.base_measured:
+            return low, high
+        of_base = np.full(len(BASE_OBSERVED), MAX_BASE_OBSERVED, dtype=np.float32)
+        return np.append(low, -of_base), np.append(high, of_base)
 
     @property
     def is_solved(self) -> np.ndarray:
@@ -775,11 +847,25 @@ class SwingTask:
             which: Index, mask or slice of the cranes; by default all.
         """
         kinds = self.crane_index[which]
-        return self._observations(self.fleet.z[:, which], self.goal[:, which], kinds)
+        of_crane = self._observations(self.fleet.z[:, which], self.goal[:, which], kinds)
+        if not self.rules.base_measured:
+            return of_crane
+        observations = np.empty((len(of_crane), len(self.observed)), dtype=np.float32)
+        observations[:, : of_crane.shape[1]] = of_crane
+        self._observe_bases(which, observations)
+        return observations
+
+    def _observe_bases(self, which: Any, observations: np.ndarray) -> None:
+        """Fill in the observations of the bases of some cranes, the last columns."""
+        assert self.fleet.bases is not None
+        position, velocity, _ = self.fleet.bases.coordinates()
+        measured = np.hstack([position, velocity])[: self.fleet.count][which]
+        clipped = np.clip(measured, -MAX_BASE_OBSERVED, MAX_BASE_OBSERVED)
+        observations[:, len(self.view.names) :] = clipped
 
     def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:
-        """Return the observations of cranes of the first kind, shape (n, observed), in single
-        precision.
+        """Return the observations of cranes of the first kind, without those of bases, shape (n,
+        observed), in single precision.
 
         Args:
             z: Coordinates and rates, a column for each crane.

@@ -16,7 +16,9 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.controllers import hold_controller
+from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.equations_of_motion import holding_effort
+from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import DirectDrive, State
 from cranedyn.model.crane import Crane
@@ -278,3 +280,61 @@ def test_forces_act_until_something_else_is_said() -> None:
     still = abs(z[7, 1])
     fleet.push(np.array([1]), np.zeros((1, 6)))
     assert abs(abs(fleet.step(np.zeros((3, 2)))[7, 1]) - still) < 0.1 * still
+
+
+def test_each_crane_moves_on_its_own_base_at_its_own_time_as_in_simulate() -> None:
+    """A sum of sines, a function, a table and a base at rest, in one group of lanes."""
+    t = np.linspace(0.0, 20.0, 101)
+    sines = BaseMotion.sines(
+        heave=(0.5, 8.0), roll=(0.1, 7.0, 0.3), pitch=(0.05, 5.0), yaw=(0.2, 9.0)
+    )
+    bases: list[BaseMotion | None] = [
+        sines,
+        sines.seen_at((3.0, -2.0, 8.0)),
+        BaseMotion.from_table(t, surge=0.3 * np.sin(t), roll=0.1 * np.cos(0.7 * t)),
+        None,
+    ]
+    start = crane().state(x=12.0, l=10.0)
+    begins = np.array([0.0, 1.5, 3.0, 7.0])
+    force = np.zeros((4, 3 * len(crane().layout.points)))
+    force[:, :3] = [300.0, -200.0, 100.0]
+    fleet = Fleet(
+        crane(), 4, dt=1e-2, drive="motion", integrator=rk4, forces=True, base=True, threads=1
+    )
+    fleet.place(np.arange(4), start)
+    fleet.stand_on(np.arange(4), bases, begins)
+    fleet.push(np.arange(4), force)
+    command = np.array([0.01, 0.05, -0.02])
+    for _ in range(40):
+        fleet.step(np.tile(command[:, None], 4))
+    for i, base in enumerate(bases):
+        run = simulate(
+            crane(),
+            lambda t, state, setpoint: command,
+            start=start,
+            t_start=float(begins[i]),
+            duration=4.0,
+            dt=1e-2,
+            control_period=0.1,
+            drive="motion",
+            integrator=rk4,
+            base=base,
+            disturbance=lambda t, state: force[0].reshape(-1, 3),
+            validity="mark",
+            engine="compiled",
+        )
+        # The round-off of sums of sines, and of 400 steps.
+        assert_allclose(fleet.z[:, i], np.append(run.q[-1], run.v[-1]), rtol=0.0, atol=1e-12)
+
+
+def test_a_fleet_of_standing_cranes_has_no_bases_and_says_so() -> None:
+    fleet = Fleet(crane(), 2)
+    with pytest.raises(CraneError, match="unless the fleet is made with base = True"):
+        fleet.stand_on(np.array([0]), None)
+    with pytest.raises(CraneError, match="'double' with a base that moves"):
+        Fleet(crane(), 2, base=True, precision="single")
+    moving = Fleet(crane(), 2, base=True)
+    with pytest.raises(CraneError, match="bases is 3; allowed is 2, one for each crane"):
+        moving.stand_on(np.array([0, 1]), [None] * 3)
+    with pytest.raises(CraneError, match="base is float; allowed is a BaseMotion"):
+        moving.stand_on(np.array([0, 1]), [None, 0.5])  # type: ignore[list-item]

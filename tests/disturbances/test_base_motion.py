@@ -14,6 +14,7 @@ from numpy.testing import assert_allclose
 from cranedyn.disturbances.base_motion import BaseCoordinates, BaseMotion
 from cranedyn.disturbances.waves import (
     Jonswap,
+    RandomSea,
     Raos,
     motion_in_waves,
     significant_motion,
@@ -194,3 +195,25 @@ def test_a_response_has_the_phase_of_its_file_and_its_heading(tmp_path: Path) ->
         motion_in_waves(spectrum, raos=file, seed=1)
     with pytest.raises(OutOfRange, match="of the energy of the waves lies outside"):
         motion_in_waves(Jonswap(2.0, 2.5), raos=file, heading=90.0, seed=1)
+
+
+def test_a_shifted_motion_is_the_same_motion_later() -> None:
+    table = BaseMotion.from_table(np.arange(20.0), roll=np.sin(0.5 * np.arange(20.0)))
+    for motion in (SEA, table):
+        shifted = motion.shifted(3.0)
+        for given, expected in zip(shifted.at(TIMES), motion.at(TIMES + 3.0), strict=True):
+            assert_allclose(given, expected, atol=1e-12)
+    assert (table.shifted(3.0).first, table.shifted(3.0).last) == (-3.0, 16.0)
+    with pytest.raises(OutOfRange, match="allowed is -3 to 16"):
+        table.shifted(3.0).at(np.array([17.0]))
+    with pytest.raises(OutOfRange, match="time by which the base is shifted"):
+        SEA.shifted(math.inf)
+
+
+def test_a_random_sea_without_spectra_or_operators_is_refused() -> None:
+    with pytest.raises(OutOfRange, match="number of spectra is 0"):
+        RandomSea([], [FOLLOWING])
+    with pytest.raises(OutOfRange, match="number of RAOs is 0"):
+        RandomSea([Jonswap(1.0, 8.0)], [])
+    with pytest.raises(OutOfRange, match="of the energy of the waves lies outside"):
+        RandomSea([Jonswap(1.0, 500.0)], [FOLLOWING])

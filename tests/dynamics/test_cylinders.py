@@ -11,7 +11,13 @@ import pytest
 
 from cranedyn.controllers import hold_controller
 from cranedyn.controllers.pump_limited import PumpLimited
-from cranedyn.dynamics.cylinders import Cylinder, Pump, cylinder_columns, read_cylinders
+from cranedyn.dynamics.cylinders import (
+    Cylinder,
+    Pump,
+    cylinder_columns,
+    cylinder_values,
+    read_cylinders,
+)
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import ModelError, OutOfRange, UnknownName
 from cranedyn.model.crane import Crane
@@ -149,6 +155,34 @@ def test_drives_that_share_a_pump_slow_down_alike_to_its_flow() -> None:
     assert without_slew[0] == 0.1
     assert without_slew[3] < 0.3
     assert Pump(crane(), 0.0, MOTORS).limited(q, rates).tolist() == [0.0, 0.0, 0.0, 0.0]
+
+
+def test_a_pump_divides_its_flow_among_many_cranes_as_among_each_alone() -> None:
+    pump = Pump(crane(), 3e-3, MOTORS)
+    rng = np.random.default_rng(0)
+    q = np.array([crane().state(luff=luff).q for luff in rng.uniform(0.3, 1.3, 7)])
+    rates = rng.uniform(-0.3, 0.3, (7, 4))
+    rates[3] = 0.0
+    together = pump.limited(q, rates)
+    for i in range(7):
+        np.testing.assert_allclose(together[i], pump.limited(q[i], rates[i]), rtol=1e-14)
+
+
+@pytest.mark.slow
+def test_cylinders_of_a_batch_are_those_of_each_run() -> None:
+    pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
+    from cranedyn.compiled.batch import simulate_batch
+
+    starts = [crane().state(luff=0.8, telescope=2.0), crane().state(luff=0.9, telescope=4.0)]
+    held = hold_controller(crane())
+    batch = simulate_batch(crane(), held, start=starts, duration=0.5, record=10)
+    columns = cylinder_values(crane(), batch.q, batch.v, batch.effort)
+    for i, start in enumerate(starts):
+        run = simulate(crane(), held, start=start, duration=0.5, engine="compiled")
+        alone = cylinder_columns(crane(), run)
+        for name, values in columns.items():
+            # The last row of a run keeps the effort of the row before.
+            np.testing.assert_allclose(values[i][:-1], alone[name][::10][:-1], rtol=1e-9, atol=1e-6)
 
 
 def test_a_run_commands_no_more_than_its_pump_gives() -> None:

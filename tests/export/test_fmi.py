@@ -10,6 +10,7 @@ import time
 import xml.etree.ElementTree as ET
 import zipfile
 from collections.abc import Callable, Iterator
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import escape
@@ -22,7 +23,8 @@ from cranedyn.__main__ import main
 from cranedyn.compiled.crane_block import force_names
 from cranedyn.controllers.linear import LinearController, linear_controller
 from cranedyn.data.trajectory import Trajectory
-from cranedyn.disturbances.wind import constant_force
+from cranedyn.disturbances.base_motion import COORDINATES, BaseMotion
+from cranedyn.disturbances.wind import constant_force, wind
 from cranedyn.errors import CraneError, ModelError, OutOfRange
 from cranedyn.export import fmi
 from cranedyn.export.usual_controllers import CONTROLLERS
@@ -801,3 +803,85 @@ def test_the_command_line_writes_a_controller_of_the_period_that_it_was_designed
     assert "allowed is that of the controller, 0.02" in capsys.readouterr().err
     assert main([*words, "--period", "0.02"]) == 0
     assert float(fmpy.read_model_description(path).defaultExperiment.stepSize) == 0.02
+
+
+SHIP = BaseMotion.sines(
+    surge=(0.3, 7.0), heave=(0.5, 8.0), roll=(0.1, 7.0, 0.3), pitch=(0.05, 5.0, 1.0), yaw=(0.2, 9.0)
+)
+"""A base that moves far in all coordinates but one."""
+
+
+def base_values(unit: Unit, t: float) -> dict[str, float]:
+    """The motion of `SHIP` at a time by the names of the inputs of a unit."""
+    values = {}
+    for numbers, ending in zip(SHIP.at(np.array([t])), ("", "_dot", "_ddot"), strict=True):
+        for coordinate, value in zip(COORDINATES, numbers[0].tolist(), strict=True):
+            name = f"base_{coordinate}{ending}"
+            # Nothing depends on where the origin is.
+            if name in unit.reference:
+                values[name] = value
+    return values
+
+
+def on_ship(path: Path, folder: Path, step: float, late: float) -> np.ndarray:
+    """State at the end of 2 s on `SHIP`, in the wind, with values of the base that are of a time
+    later by `late` than the beginning of each communication step [s].
+    """
+    unit = Unit(path, folder)
+    wind = {"wind_x": 8.0 * np.cos(0.5), "wind_y": 8.0 * np.sin(0.5), "payload_area": 4.0}
+    unit.begin(x_start=12.0, l_start=10.0, phi_start=0.05, **wind)
+    unit.set(payload_force_x=150.0)
+    for k in range(round(2.0 / step)):
+        unit.set(**base_values(unit, k * step + late))
+        unit.step(k, step)
+    found = unit.get(*state_names(crane()))
+    unit.slave.freeInstance()
+    return np.array(found)
+
+
+@pytest.mark.slow
+def test_a_unit_on_a_base_that_moves_is_simulate_and_a_longer_step_errs_by_its_square(
+    tmp_path: Path,
+) -> None:
+    c = crane(damp_swing=2e3)
+    path = fmi.export(c, tmp_path / "ship.fmu", drive="motion", base=True)
+    assert validate_fmu(path) == []
+    description = fmpy.read_model_description(path)
+    unit_of = {variable.name: variable.unit for variable in description.modelVariables}
+    assert unit_of["base_heave_ddot"] == "m/s2" and unit_of["base_roll"] == "rad"
+    assert "base_heave" not in unit_of
+
+    blows = replace(wind(c, lambda t: 8.0, direction=0.5, payload_area=4.0), base=SHIP)
+    pushes = constant_force(c, payload=(150.0, 0.0, 0.0))
+    dt = fmi.PHYSICS_STEP
+    run = simulate(
+        c,
+        lambda t, state, setpoint: np.zeros(3),
+        start=c.state(x=12.0, l=10.0, phi=0.05),
+        duration=2.0,
+        control_period=dt,
+        drive="motion",
+        base=SHIP,
+        disturbance=lambda t, state: blows(t, state) + pushes(t, state),
+        validity="mark",
+    )
+    state = np.append(run.q[-1], run.v[-1])
+    each_step = on_ship(path, tmp_path / "1", dt, 0.0)
+    # The round-off of 4000 steps.
+    assert_allclose(each_step, state, rtol=0.0, atol=1e-12)
+
+    # Values of the beginning let the base move late; those of the middle err by the square. The
+    # motion of the base that semi-implicit Euler takes is that of the beginning of a physics step.
+    early = [np.abs(on_ship(path, tmp_path / f"e{h}", h, 0.0) - state).max() for h in (0.02, 0.01)]
+    half = 0.5 * dt
+    middle = [
+        np.abs(on_ship(path, tmp_path / f"m{h}", h, 0.5 * h - half) - state).max()
+        for h in (0.02, 0.01)
+    ]
+    assert middle[0] < 0.1 * early[0] and middle[1] < 0.4 * middle[0]
+
+
+def test_a_controller_has_no_base(tmp_path: Path) -> None:
+    c = crane()
+    with pytest.raises(OutOfRange, match="False for a controller, which has no base"):
+        fmi.export(c, tmp_path / "lqr.fmu", controller=CONTROLLERS["lqr"][1](c, PERIOD), base=True)

@@ -23,7 +23,7 @@ from cranedyn.dynamics.equations_of_motion import over_all_joints
 from cranedyn.errors import DataError, ModelError, OutOfRange
 from cranedyn.export import gazebo, ros2
 from cranedyn.model.crane import Crane
-from cranedyn.model.description import describe
+from cranedyn.model.description import XACRO, describe
 from cranedyn.model.load import load_crane
 from tests.gantry import GANTRY
 from tests.helpers import ROOT, files, quickly
@@ -639,3 +639,12 @@ def test_a_link_so_light_that_gazebo_drops_it_and_all_below_is_refused(
         else:
             program = gazebo.Program(crane, hold_controller(crane), None, crane.start, 1.0)
             gazebo.export(tmp_path / "out", program)
+
+
+def test_a_package_says_that_its_cylinders_are_left_out(tmp_path: Path) -> None:
+    mobile = load_crane(XACRO.with_name("mobile_crane.urdf.xacro"))
+    folder = ros2.export(tmp_path / "mobile", mobile)
+    readme = (folder / "README.md").read_text()
+    for joint in ("luff_joint", "telescope_joint"):
+        assert f"The cylinder of {joint} is left out: its drive acts there." in readme
+    assert "hydraulicCylinder" not in (folder / "urdf" / "crane.urdf").read_text()

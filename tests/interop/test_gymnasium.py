@@ -13,6 +13,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.disturbances.base_motion import BaseMotion
+from cranedyn.disturbances.waves import Jonswap, RandomSea
 from cranedyn.disturbances.wind import AIR_DENSITY, constant_force
 from cranedyn.dynamics.integrators import rk4
 from cranedyn.errors import CraneError, ModelError, OutOfRange, UnknownName
@@ -34,7 +36,7 @@ from cranedyn.interop.gymnasium import (  # noqa: E402
     TowerCraneEnv,
     TowerCraneVectorEnv,
 )
-from cranedyn.interop.task import PENALTY, Rules, cranes_between  # noqa: E402
+from cranedyn.interop.task import BASE_OBSERVED, PENALTY, Rules, cranes_between  # noqa: E402
 from cranedyn.interop.tower_task import OBSERVED, TowerSwingTask  # noqa: E402
 
 DRIVES = crane().layout.drives
@@ -422,3 +424,70 @@ def test_cranes_can_be_drawn_between_two_ends() -> None:
         cranes_between(1, loads=(1.0, 2.0))
     with pytest.raises(OutOfRange, match="range of payload_mass is 5; allowed is two numbers"):
         cranes_between(1, payload_mass=5)  # type: ignore[arg-type]
+
+
+def raft_at_sea(tmp_path: Path) -> RandomSea:
+    """A raft that heaves as the water does and rolls in beam seas, but not in head seas."""
+    file = tmp_path / "raos.csv"
+    file.write_text(
+        "heading_deg,omega_rad_s,heave_m_m,heave_phase_deg,roll_deg_m,roll_phase_deg\n"
+        "90,0.1,1,0,2,-90\n90,9,1,0,2,-90\n180,0.1,1,0,0,0\n180,9,1,0,0,0\n"
+    )
+    return RandomSea.from_file([Jonswap(0.5, 7.0), Jonswap(1.0, 9.0)], file, [90.0, 180.0], 20)
+
+
+def test_each_crane_of_each_episode_has_a_sea_and_a_heading_of_its_own(tmp_path: Path) -> None:
+    env, again = (many(12, base=raft_at_sea(tmp_path), base_measured=True) for _ in range(2))
+    first, _ = env.reset(seed=5)
+    sources = [env.task.base_of(i).source for i in range(12)]
+    assert len(set(sources)) == 12
+    for words in ("heading 90°", "heading 180°", "Hs 0.5 m", "Hs 1 m"):
+        assert any(words in source for source in sources)
+    same, _ = again.reset(seed=5)
+    assert np.array_equal(first, same)
+    env.reset(options={"reset_mask": np.arange(12) == 3})
+    after = [env.task.base_of(i).source for i in range(12)]
+    assert [i for i in range(12) if after[i] != sources[i]] == [3]
+
+    # What is observed of a base is what it does.
+    observed, *_ = env.step(np.zeros((12, 3)))
+    assert env.task.observed[-12:] == BASE_OBSERVED and observed.shape == (12, 24)
+    for i in range(12):
+        at = env.task.base_of(i).at(np.array([0.1]))
+        expected = np.concatenate([at.position[0], at.velocity[0]])
+        assert_allclose(observed[i, -12:], expected, rtol=1e-5, atol=1e-7)
+    # The same draws without a base: it takes no random numbers from starts and goals.
+    plain = many(12)
+    plain.reset(seed=5)
+    other = many(12, base=raft_at_sea(tmp_path))
+    other.reset(seed=5)
+    assert np.array_equal(plain.task.goal, other.task.goal)
+
+
+def test_an_episode_on_a_ship_in_the_wind_is_that_of_simulate(tmp_path: Path) -> None:
+    for wind, rows in ((8.0, 21), (0.0, 101)):
+        env = TowerCraneEnv(crane=crane(), base=raft_at_sea(tmp_path), wind=wind)
+        env.reset(seed=4)
+        env.action_space.seed(4)
+        for _ in range(20):
+            env.step(env.action_space.sample())
+        again = env._simulated()
+        assert len(again) == rows and np.abs(again["base_heave_m"]).max() > 0.05
+        z = env.task.fleet.z[:, 0]
+        # The round-off of twenty control periods.
+        assert_allclose(np.append(again.q[-1], again.v[-1]), z, rtol=0.0, atol=1e-12)
+
+
+def test_what_is_no_base_of_an_episode_is_refused_in_a_sentence() -> None:
+    with pytest.raises(OutOfRange, match="base is 'ship'; allowed is a BaseMotion"):
+        many(1, base="ship")
+    with pytest.raises(OutOfRange, match="base_measured is True; allowed is False"):
+        many(1, base_measured=True)
+    with pytest.raises(OutOfRange, match="base is int"):
+        many(1, base=lambda rng: 3).reset(seed=1)
+    t = np.arange(10.0)
+    env = many(1, base=BaseMotion.from_table(t, heave=np.sin(t)))
+    env.reset(seed=1)
+    with pytest.raises(OutOfRange, match=r"allowed is 0 to 9, for which a table of 10 rows"):
+        for _ in range(100):
+            env.step(np.zeros((1, 3)))

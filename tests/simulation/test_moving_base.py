@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Callable
@@ -15,20 +16,23 @@ from scipy.optimize import brentq
 from scipy.special import mathieu_a, mathieu_b
 
 from cranedyn.controllers import hold_controller
+from cranedyn.controllers.hold import zero_command
 from cranedyn.data.trajectory import Trajectory, read
 from cranedyn.disturbances.base_motion import BaseCoordinates, BaseMotion
 from cranedyn.disturbances.wind import constant_force, steady, wind
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.contact import Ground
 from cranedyn.dynamics.drives import EffortDrives, ExternalForces
 from cranedyn.dynamics.equations_of_motion import point_positions
 from cranedyn.dynamics.integrators import rk4, semi_implicit_euler
 from cranedyn.dynamics.root_motion import RootMotion, floating_model
-from cranedyn.errors import DataError, OutOfRange, RunError
+from cranedyn.errors import OutOfRange, RunError
 from cranedyn.interfaces import EngineName, State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.simulation.simulate import simulate
 from cranedyn.simulation.stepper import Stepper
+from experiments.scenarios.crane_variants import POINT
 from tests.helpers import EXPLICIT_EULER, G, big_crane, crane, locked, quickly
 
 SEA = BaseMotion.sines(
@@ -447,6 +451,65 @@ def test_heave_inside_the_first_tongue_makes_a_swing_grow_at_the_rate_of_theory(
     assert rate == pytest.approx(q * omega / 4.0, rel=q)  # the next term of the series
 
 
+def _py_crane_directions(base: BaseMotion, dt: float, duration: float) -> np.ndarray:
+    """Directions of the rope in the world by DNV's py-crane, from pivot to load, shape (rows, 3): a
+    pedestal of 28 m, a boom of 12 m along -Y and a wire of 10 m, whose base moves.
+    """
+    from py_crane.crane import Crane as PyCrane
+
+    made = PyCrane(to_crane_angle=lambda angle: np.asarray(angle, dtype=float))
+    made.add_boom("pedestal", mass=1.0, boom=(28.0, 0.0, 0.0))
+    made.add_boom("boom", mass=1.0, boom=(12.0, np.pi / 2.0, -np.pi / 2.0))
+    # The Q factor of a swing that is as good as undamped.
+    made.add_boom("wire", mass=1000.0, mass_center=1.0, boom=(10.0, np.pi, 0.0), q_factor=1e9)
+    wire = made.boom_
+    wire.pendulum_relax()
+    frames = base.frames(dt * np.arange(round(duration / dt) + 1))
+    made.position = frames.origin[0].copy()
+    wire.origin = wire.anchor0.end
+    wire.origin_v = frames.velocity[0].copy()
+    directions = [wire.direction.copy()]
+    for before, after in itertools.pairwise(frames.origin):
+        made.velocity = (after - before) / dt
+        made.do_step(0.0, dt)
+        directions.append(wire.direction.copy())
+    return np.array(directions)
+
+
+@pytest.mark.slow
+def test_py_crane_of_dnv_swings_a_load_on_a_swaying_base_alike() -> None:
+    """py-crane takes the mean velocity of the pivot over a step, which is half a step late: an
+    error of first order, which two steps tell and remove. It also leaves the acceleration of the
+    pivot along the rope in the velocity of its load, so that it is compared at a small sway: at
+    ±0.3 m it differs by 1 % of the swing, with a heave of ±0.3 m beside it by 6 %.
+    """
+    pytest.importorskip("py_crane", reason="py-crane is not installed: pip install py-crane")
+    base = BaseMotion.sines(sway=(0.03, 7.0, 0.5 * math.pi))
+    one = load_crane(gravity=9.81, **POINT)  # as py-crane has it
+    run = simulate(
+        one,
+        zero_command(one),
+        None,
+        start=one.state(x=12.0, l=10.0),
+        duration=8.0,
+        dt=1e-3,
+        control_period=1e-2,
+        drive="motion",
+        integrator=rk4,
+        base=base,
+    )
+    points = base.frames(run.t).points_in_world(point_paths(one, run.q))
+    rope = points[:, 0] - points[:, 1]
+    ours = rope / np.linalg.norm(rope, axis=1)[:, None]
+    swing = np.abs(ours[:, 1]).max()
+    coarse = _py_crane_directions(base, 0.02, 8.0)
+    fine = _py_crane_directions(base, 0.01, 8.0)[::2]
+    late = np.abs(fine - ours[::2]).max()
+    assert 0.45 * np.abs(coarse - ours[::2]).max() < late < 6e-3 * swing
+    # What is left is of second order in the step of 0.02 s, (ω dt)², and in the swing of 14 mrad.
+    assert np.abs(2.0 * fine - coarse - ours[::2]).max() < 4e-4 * swing
+
+
 @pytest.mark.slow
 def test_a_rolling_base_swings_a_load_as_the_linear_response_says() -> None:
     # Roll about X moves the pivot at the height h sideways by -h φ; the load answers as a pendulum
@@ -623,18 +686,13 @@ def test_a_function_that_fails_on_the_way_ends_a_run_with_its_rows() -> None:
 
 
 @pytest.mark.slow
-def test_what_knows_no_base_that_moves_refuses_such_a_run(tmp_path: Any) -> None:
-    from cranedyn.identification.checked_record import load_record
+def test_what_knows_no_base_that_moves_refuses_such_a_run() -> None:
     from cranedyn.lifts.judging.loads import loads
 
     one = crane()
     run = quickly(one, hold_controller(one), duration=0.5, base=SEA)
     with pytest.raises(OutOfRange, match="the computation of loads knows no base that moves"):
         loads(one, run)
-    file = tmp_path / "run.csv"
-    run.write(file)
-    with pytest.raises(DataError, match=r"has base_surge_m.*identification knows none"):
-        load_record(file, one)
 
 
 @pytest.mark.slow

@@ -437,7 +437,14 @@ class Plant:
         frames = rigid_body.frames(self.tree, q)
         return rigid_body.point_motions(self.tree, frames, v, self.contacts.body, points)
 
-    def drag(self, q: np.ndarray, v: np.ndarray, air: np.ndarray, areas: Any) -> np.ndarray:
+    def drag(
+        self,
+        q: np.ndarray,
+        v: np.ndarray,
+        air: np.ndarray,
+        areas: Any,
+        turning: np.ndarray | None = None,
+    ) -> np.ndarray:
         """Return the drag of air on the points [N], shape (3 points,), see
         `cranedyn.disturbances.wind.drag_force`.
 
@@ -446,12 +453,15 @@ class Plant:
             v: Their rates, shape (n,).
             air: Velocity of the air at each point in the world [m/s], shape (3 points,).
             areas: Drag coefficient times area of each point [m²], shape (points,).
+            turning: Angular velocity of a base that moves, in its axes [rad/s], shape (3,). All
+                vectors are in these axes then, and the velocity of the air is that relative to the
+                origin of the base. None for a base at rest.
         """
         poses = rigid_body.frames(self.tree, q)
         forces = []
         points = zip(areas, air.reshape(-1, 3), self.topology.bodies, self.levers, strict=True)
         for area, wind, body, lever in points:
-            ((_, velocity),) = rigid_body.point_motions(self.tree, poses, v, body, [lever])
+            ((_, velocity),) = rigid_body.point_motions(self.tree, poses, v, body, [lever], turning)
             forces.append(drag_force(area, wind - velocity))
         return np.concatenate(forces)
 

@@ -157,7 +157,12 @@ def frames(tree: Bodies, q: np.ndarray) -> list[Frame]:
 
 
 def point_motions(
-    tree: Bodies, poses: Sequence[Frame], v: np.ndarray, body: int, points: Sequence[np.ndarray]
+    tree: Bodies,
+    poses: Sequence[Frame],
+    v: np.ndarray,
+    body: int,
+    points: Sequence[np.ndarray],
+    turning: np.ndarray | None = None,
 ) -> list[tuple[np.ndarray, np.ndarray]]:
     """Return positions [m] and velocities [m/s] in the world of points of a body, shape (3,) each.
 
@@ -167,13 +172,15 @@ def point_motions(
         v: Rates of the coordinates, shape (n,).
         body: The row of the body.
         points: The points, in the frame of the body's joint [m], shape (3,) each.
+        turning: Angular velocity of the frame in which the tree stands, in its axes [rad/s], shape
+            (3,); None for one that does not turn. Positions and velocities are in these axes.
     """
     zero = array([0.0] * 3)
     # Pose and motion in the world of the joint that was reached.
     rotation = array(np.eye(3).ravel().tolist()).reshape(3, 3)
     position = zero
     velocity = zero
-    omega = zero
+    omega = zero if turning is None else turning
     for i in tree.path(body):
         along, about = tree.axis[i]
         rate = v[i : i + 1]
