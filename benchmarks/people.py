@@ -71,6 +71,10 @@ WAITS: Mapping[str, Wait] = {
         "python -m cranedyn run compare --only 'spline alone' 'flat + LQR' 'MPC to the goal'", 10.0
     ),
     "lift": Wait("python -m cranedyn run lift", 20.0),
+    "shift": Wait(
+        f"python -m cranedyn run site --site {ROOT / 'benchmarks' / 'three_towers_shift.toml'}",
+        30.0,
+    ),
     "lift_report": Wait("python -m cranedyn run lift_report --lifts 1000", 20.0),
     "film": Wait(
         "python -m cranedyn view out/a1/a1_l5.parquet --film swing.mp4",
