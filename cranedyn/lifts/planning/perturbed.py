@@ -51,7 +51,7 @@ _CHUNK_SIZE = 300
 
 _BOUNDED_AT_ONCE = 16
 """Number of lifts whose distances are bounded at once. Their arrays fit into the cache of a
-processor; those of a whole chunk do not, which takes three times as long."""
+processor; those of a whole chunk do not, and take twice as long."""
 
 _NUMBERS_PER_LIFT = 12
 """Numbers for each lift that `perturb` holds in memory: those drawn, the results, and room for
