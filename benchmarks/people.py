@@ -15,6 +15,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import NamedTuple
 
 from benchmarks.commands import processor_time
 from benchmarks.conduct import print_tables
@@ -30,8 +31,17 @@ writes."""
 COMMAND_HEADER = "command"
 """Header of the column with the command lines."""
 
+BEFORE_HEADER = "before [s]"
+"""Header of the column with the processor times of the measurement before the last."""
+
 NOW_HEADER = "now [s]"
 """Header of the column with the processor times of the last measurement."""
+
+CODE_HEADER = "exit code"
+"""Header of the column with the exit codes."""
+
+_NOT_MEASURED = "-"
+"""What a table has in place of a number that was not measured."""
 
 _PYTHON = "python"
 """First word of a command line that stands for the interpreter that runs this benchmark."""
@@ -71,6 +81,10 @@ WAITS: Mapping[str, Wait] = {
         "python -m cranedyn run compare --only 'spline alone' 'flat + LQR' 'MPC to the goal'", 10.0
     ),
     "lift": Wait("python -m cranedyn run lift", 20.0),
+    "shift": Wait(
+        f"python -m cranedyn run site --site {ROOT / 'benchmarks' / 'three_towers_shift.toml'}",
+        30.0,
+    ),
     "lift_report": Wait("python -m cranedyn run lift_report --lifts 1000", 20.0),
     "film": Wait(
         "python -m cranedyn view out/a1/a1_l5.parquet --film swing.mp4",
@@ -135,14 +149,30 @@ def shown_line(line: str) -> str:
     return line.replace(f" --rootdir {ROOT}", "")
 
 
-def committed_times(path: Path = COMMITTED) -> dict[str, str]:
-    """Return the processor times of the committed table as it has them, by command line; none if
-    there is no table.
+class CommittedRow(NamedTuple):
+    """A row of the committed table.
+
+    Attributes:
+        before: Processor time of the table before that one, as written [s].
+        now: Its own processor time, as written [s].
+        code: Exit code, as written.
     """
+
+    before: str = _NOT_MEASURED
+    now: str = _NOT_MEASURED
+    code: str = _NOT_MEASURED
+
+
+def committed_rows(path: Path = COMMITTED) -> dict[str, CommittedRow]:
+    """Return the rows of the committed table by command line; none if there is no table."""
     if not path.is_file():
         return {}
+    rows = {}
     with path.open(encoding="utf-8", newline="") as file:
-        return {row[COMMAND_HEADER]: row[NOW_HEADER] for row in csv.DictReader(file)}
+        for row in csv.DictReader(file):
+            committed = CommittedRow(row[BEFORE_HEADER], row[NOW_HEADER], row[CODE_HEADER])
+            rows[row[COMMAND_HEADER]] = committed
+    return rows
 
 
 def processor_name() -> str:
@@ -163,28 +193,29 @@ def _lines_of(path: str) -> list[str]:
 def measure(options: argparse.Namespace) -> Sequence[ResultTable]:
     """Return the table of commands, with goals and processor times [s], and exit codes.
 
-    A table for a document has all commands, with a dash for those that were not measured.
+    A table for a document has all commands; those that were not measured are in it as in the
+    committed table, with a dash for what is not there.
     """
-    committed = committed_times()
+    committed = committed_rows()
     chosen = options.only or [name for name in WAITS if name != "tests"]
     rows = []
     for name, wait in WAITS.items():
         if name not in chosen and not options.document:
             continue
         line = shown_line(wait.line)
-        # The committed table has a dash, too, for what was not measured.
-        before = committed.get(line, "-")
-        seconds: float | None = None
-        code: int | None = None
+        before, now, code = committed.get(line, CommittedRow())
         if name in chosen:
-            seconds, code = measure_wait(wait)
-        rows.append((line, wait.goal, before, seconds, code))
+            seconds, exit_code = measure_wait(wait)
+            before = now
+            now = f"{seconds:.1f}"
+            code = str(exit_code)
+        rows.append((line, wait.goal, before, now, code))
     columns = [
         (COMMAND_HEADER, ""),
         ("goal [s]", ".1f"),
-        ("before [s]", ""),
-        (NOW_HEADER, ".1f"),
-        ("exit code", "d"),
+        (BEFORE_HEADER, ""),
+        (NOW_HEADER, ""),
+        (CODE_HEADER, ""),
     ]
     title = f"Processor time of commands, {processor_name()}, {os.cpu_count()} cores"
     return [ResultTable(title, columns, rows)]

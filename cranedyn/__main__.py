@@ -526,10 +526,12 @@ def _run_verify(parser: _Parser, options: argparse.Namespace) -> int:
     from cranedyn.progress import bar
     from cranedyn.verdict import Verdict, overall
 
-    with bar("verify"):
+    # A lift is judged in three stages: plan, perturbed lifts, wind.
+    with bar("verify", 3.0) as show_stages:
+        judge_plan = plugins.load("experiment", "lift_report").judge_plan
         checks = verify(
             options.file,
-            plugins.load("experiment", "lift_report").judge_plan,
+            partial(judge_plan, progress=show_stages),
             NamedFiles(options.site, options.chart, options.crane),
             compare_disk=not options.recorded,
             recompute=not options.quick,

@@ -105,12 +105,18 @@ class ComparedNumber(NamedTuple):
         return self.simulated / self.closed - 1.0
 
 
-def experiment() -> tuple[Outcome, TandemRun]:
+def experiment(setup: Setup) -> tuple[Outcome, TandemRun]:
     """Compare with closed forms, then lift the beam in all ways; return the planned lift, too."""
     lift = TandemLift(tandem_yard(), ("north", "south"), BEAM, ROPE)
-    compared = _compared(lift)
     plan = plan_tandem(lift, START, GOAL, yaw=YAW)
-    cases = _cases(plan)
+    variants = _variants(plan)
+    show_done = setup.reporter.count("lifts", len(variants) + 1)
+    compared = _compared(lift)
+    show_done(1)
+    cases = []
+    for variant in variants:
+        cases.append(_case(variant, plan))
+        show_done(1 + len(cases))
     planned = cases[0]
     checks = judge_tandem(planned.run, TandemRequirements(inclination=INCLINATION))
     outcome = Outcome(
@@ -176,52 +182,56 @@ def _frequency(t: np.ndarray, values: np.ndarray) -> float:
     return math.pi / float(np.mean(np.diff(zero_crossings(t, values))))
 
 
-def _cases(plan: TandemPlan) -> list[TandemCase]:
-    """Return all lifts, the one as planned first."""
+class _Variant(NamedTuple):
+    """How a lift differs from its plan.
+
+    Attributes:
+        name: What is done, in words.
+        drives: How the drives really move.
+        load: The real load; None for that of the plan.
+    """
+
+    name: str
+    drives: TandemDrives
+    load: TandemLoad | None = None
+
+
+def _variants(plan: TandemPlan) -> list[_Variant]:
+    """Return all ways to carry a plan out, that as planned first."""
     half_way = plan.duration / 2.0
     slew, _, hoist = plan.lift.limits_of(1).accelerations
     drives = plan.drives
     heavier_end = replace(BEAM, lugs=((-7.5, 0.0, 0.4), (6.5, 0.0, 0.4)))
     return [
-        _case("as planned", plan, drives),
-        _case("south 0.5 s late", plan, drives.delayed(0.5)),
-        _case("south 2 s late", plan, drives.delayed(2.0)),
-        _case(
+        _Variant("as planned", drives),
+        _Variant("south 0.5 s late", drives.delayed(0.5)),
+        _Variant("south 2 s late", drives.delayed(2.0)),
+        _Variant(
             "hoist of south stops",
-            plan,
             drives._replace(second=drives.second.stopped(2, half_way, float(hoist))),
         ),
-        _case(
+        _Variant(
             "slew of south stops",
-            plan,
             drives._replace(second=drives.second.stopped(0, half_way, float(slew))),
         ),
-        _case("centre of mass 0.5 m aside", plan, drives, heavier_end),
+        _Variant("centre of mass 0.5 m aside", drives, heavier_end),
     ]
 
 
-def _case(
-    name: str, plan: TandemPlan, drives: TandemDrives, load: TandemLoad | None = None
-) -> TandemCase:
-    """Return a lift.
-
-    Args:
-        name: Its name.
-        plan: The plan.
-        drives: How the drives really move.
-        load: The real load; None for that of the plan.
-    """
+def _case(variant: _Variant, plan: TandemPlan) -> TandemCase:
+    """Carry a plan out as a variant says."""
+    load = variant.load
     lift = plan.lift if load is None else replace(plan.lift, load=load)
     place = plan.start
     if load is not None:
         # The lugs hang where they were planned, so that the centre of mass is elsewhere.
         moved = np.mean(np.array(BEAM.lugs) - np.array(load.lugs), axis=0)
         place = plan.start + Rotation.from_euler("z", YAW).apply(moved)
-    run = simulate_tandem(lift, drives, start=_pose(place), dt=DT)
+    run = simulate_tandem(lift, variant.drives, start=_pose(place), dt=DT)
     static = static_shares(BEAM) * BEAM.mass * lift.gravity
     level = np.hypot(run["roll_rad"], run["pitch_rad"])
     return TandemCase(
-        name=name,
+        name=variant.name,
         run=run,
         factors=run.tensions.max(axis=0) / static,
         tilt=float(level.max()),
@@ -355,7 +365,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     runs: list[tuple[TandemRun, Path]] = []
 
     def recorded(options: argparse.Namespace, setup: Setup) -> Outcome:
-        outcome, planned = experiment()
+        outcome, planned = experiment(setup)
         runs.append((planned, options.folder))
         return outcome
 

@@ -541,7 +541,7 @@ def solve_rest(
         q[rope.stretch] = 0.0 if rope.inextensible else max(q[rope.stretch], 0.0)
         passive = springs.free(passive)
     gravity = float(-model.gravity.linear[2])
-    mass = sum(inertia.mass for inertia in model.inertias)
+    mass = pin.computeTotalMass(model)
     for _ in range(_MAX_ITERATIONS):
         unbalanced = pin.computeGeneralizedGravity(model, data, q) - springs.effort(q)
         if coupling is not None:

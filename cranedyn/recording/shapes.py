@@ -112,6 +112,28 @@ class Shape:
         turned = Rotation.from_euler("xyz", self.rpy).apply(points)
         return np.asarray(turned + self.centre)
 
+    def segments(self) -> np.ndarray | None:
+        """Return segments of which a box or a cylinder is the sum: vectors in the frame of the link
+        [m], shape (n, 3).
+
+        The sum of segments is what the sums of one point of each of them fill, all of them centred
+        at the centre of the shape. A box is the sum of three edges. A cylinder is the sum of its
+        axis and of half the edges of its circle, a regular polygon, see `hull_points`.
+
+        Returns:
+            The segments; None for a sphere or a mesh, which are no such sum.
+        """
+        if self.mesh is not None or self.kind == "sphere":
+            return None
+        if self.kind == "box":
+            vectors = np.diag(self.size)
+        else:
+            radius, length = self.size
+            corners = radius * _unit_circle()
+            edges = np.diff(corners[: _CIRCLE_POINTS // 2 + 1], axis=0)
+            vectors = np.concatenate([edges, [[0.0, 0.0, length]]])
+        return np.asarray(Rotation.from_euler("xyz", self.rpy).apply(vectors))
+
     def _cylinder_points(self) -> np.ndarray:
         """Return the corners of both ends of a cylinder about Z [m], shape (n, 3)."""
         radius, length = self.size

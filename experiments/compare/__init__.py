@@ -188,7 +188,7 @@ def _converter_parameters(setup: Setup) -> dict[str, object]:
 
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
-    parser = harness.parser("compare", __doc__)
+    parser = harness.parser("compare", __doc__, engines=("compiled", "pinocchio"))
     harness.add_setup(parser)
     text = (
         "ideal: drives take what each strategy answers, efforts or accelerations; velocity: "

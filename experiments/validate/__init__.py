@@ -65,14 +65,17 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     bench = Bench(build, setup.engine)
 
     # The oracles, part by part.
+    show_done = setup.reporter.count("parts of mechanics", len(PARTS) + 1)
     tables = []
     checks = []
-    for title, oracles in PARTS.items():
+    for done, (title, oracles) in enumerate(PARTS.items(), start=1):
         checks_of_part = [check_oracle(oracle, halvings) for oracle in oracles(bench)]
         tables.append(oracle_table(title, checks_of_part))
         checks += checks_of_part
+        show_done(done)
     slack_checks = [slack_rope.check_slack_oracle(oracle) for oracle in slack_rope.oracles(bench)]
     tables.append(slack_rope.slack_table(slack_checks))
+    show_done(len(PARTS) + 1)
 
     # Two runs for the recording.
     crane = build()

@@ -41,23 +41,31 @@ def test_a_preparation_that_fails_is_said_and_nothing_is_measured(tmp_path: Path
         people.measure_wait(Wait("python -c pass", 1.0, "python -c exit(4)"))
 
 
-def test_what_was_not_measured_is_a_dash_beside_the_committed_number(
+def test_what_was_not_measured_stays_as_it_was_committed(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     table = tmp_path / "people_commands.csv"
-    table.write_text("command,goal [s],before [s],now [s],exit code\npython -c pass,0.1,-,7.5,0\n")
-    monkeypatch.setattr(people.committed_times, "__defaults__", (table,))
-    monkeypatch.setattr(
-        people, "WAITS", {"known": Wait("python -c pass", 0.1), "new": Wait("python -c exit(1)", 1)}
+    table.write_text(
+        "command,goal [s],before [s],now [s],exit code\n"
+        "python -c pass,0.1,9.5,7.5,0\n"
+        "python -c exit(1),1.0,-,0.5,1\n"
     )
+    monkeypatch.setattr(people.committed_rows, "__defaults__", (table,))
+    waits = {
+        "known": Wait("python -c pass", 0.1),
+        "measured": Wait("python -c exit(1)", 1.0),
+        "never": Wait("python -c exit(2)", 1.0),
+    }
+    monkeypatch.setattr(people, "WAITS", waits)
     monkeypatch.setattr(people, "measure_wait", lambda wait: (0.25, 1))
-    (result,) = people.measure(argparse.Namespace(only=["new"], document="speed.md"))
+    (result,) = people.measure(argparse.Namespace(only=["measured"], document="speed.md"))
     assert result.rows == [
-        ("python -c pass", 0.1, "7.5", None, None),
-        ("python -c exit(1)", 1, "-", 0.25, 1),
+        ("python -c pass", 0.1, "9.5", "7.5", "0"),
+        ("python -c exit(1)", 1.0, "0.5", "0.2", "1"),
+        ("python -c exit(2)", 1.0, "-", "-", "-"),
     ]
-    (printed,) = people.measure(argparse.Namespace(only=["new"], document=None))
-    assert printed.rows == result.rows[1:]
+    (printed,) = people.measure(argparse.Namespace(only=["measured"], document=None))
+    assert printed.rows == result.rows[1:2]
 
 
 def test_a_table_shows_no_path_of_this_machine() -> None:

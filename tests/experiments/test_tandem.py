@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
+from rich.progress import Progress
 
 from experiments import tandem
+from experiments.harness import ProgressReporter, run
 
 
 @pytest.mark.slow
@@ -15,7 +18,11 @@ def test_the_claims_of_a_tandem_lift_hold(tmp_path: Path, monkeypatch: pytest.Mo
     pytest.importorskip("coal", reason="extra planning (coal) is not installed")
     # Five times the step: its errors are 5e-4 of the frequencies.
     monkeypatch.setattr(tandem, "DT", 5e-3)
+    bars = Progress(disable=True)
+    monkeypatch.setattr(run, "reporting", lambda: nullcontext(ProgressReporter(bars)))
     assert tandem.main(["--out", str(tmp_path / "out")]) == 0
     result = json.loads((tmp_path / "out" / "result.json").read_text(encoding="utf-8"))
     assert [len(table["rows"]) for table in result["tables"]][:2] == [6, 4]
     assert all(claim["holds"] for claim in result["claims"])
+    # Six lifts, and those that are compared with closed forms.
+    assert [(task.completed, task.total) for task in bars.tasks] == [(7, 7)]

@@ -115,9 +115,9 @@ def test_a_close_up_leaves_out_only_what_lies_outside_of_it() -> None:
     run = Run("one", crane, simulate(crane, hold_controller(crane), start=start, duration=0.1))
     stage = _Stage([run], 0.0, 0.1)
     with patch.object(Extent, "reaches", lambda *_: True):
-        whole = stage.picture(0.05)
+        whole = stage.picture(1)
         drawn_of_all = len(stage._near_crane.get_paths())
-    assert np.array_equal(stage.picture(0.05), whole)
+    assert np.array_equal(stage.picture(1), whole)
     # The hook block and the load, of all bodies of the crane.
     assert 0 < len(stage._near_crane.get_paths()) < 0.2 * drawn_of_all
 

@@ -7,7 +7,6 @@ import math
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
-from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -557,8 +556,7 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
     q = np.array([[asked.q(np.array([gamma, 13.4, 20.0])) for gamma in (1.3, 1.85)]])
     rooms = np.array([asked.margin(row) for row in q[0]])
     assert rooms.min() > 0.5
-    batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
-    (least,) = _least_distances(asked, q[0], rooms, batch, 0.1)  # type: ignore[arg-type]
+    (least,) = _least_distances(asked, q[0], rooms, q, np.array([math.inf]), 0.1)
     assert least <= 0.0
 
 
@@ -566,9 +564,8 @@ def test_a_load_that_swings_out_and_back_between_two_rows_kept_is_not_where_thes
     """Pushed for half of the time and back for the other half, it is a h²/8 off at the middle."""
     asked = clearance_of(crane(), site(WALL))
     q = asked.q(np.array([0.0, 13.4, 20.0]))[None, None].repeat(2, axis=1)
-    batch = SimpleNamespace(q=q, valid_until=np.array([math.inf]))
     margins = np.full(2, 1.0)
-    (least,) = _least_distances(asked, q[0], margins, batch, 0.1)  # type: ignore[arg-type]
+    (least,) = _least_distances(asked, q[0], margins, q, np.array([math.inf]), 0.1)
     assert least == pytest.approx(asked.site.distance + 1.0 - 32.0 * 0.1**2 / 8.0, abs=1e-12)
 
 
@@ -579,9 +576,8 @@ def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
     steps = np.maximum(np.append(0.0, half), np.append(half, 0.0))
     bend = 32.0 * 0.1**2 / 8.0
     least = min(asked.margin(row) - step - bend for row, step in zip(q, steps, strict=True))
-    batch = SimpleNamespace(q=q[None], valid_until=np.array([math.inf]))
     far = np.full(len(q), -9.0)
-    (bound,) = _least_distances(asked, q, far, batch, 0.1)  # type: ignore[arg-type]
+    (bound,) = _least_distances(asked, q, far, q[None], np.array([math.inf]), 0.1)
     assert least < 0.0
     assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
 
