@@ -395,7 +395,8 @@ def _run_template(options: argparse.Namespace) -> int:
         judge = command_line("cranedyn", "run", "lift_report", "--chart", file)
         print(next_lines(judge + remark, "cranedyn template site"))
     else:
-        plan = command_line("cranedyn", "run", "site", "--site", file)
+        experiment = "tandem" if options.kind == "tandem" else "site"
+        plan = command_line("cranedyn", "run", experiment, "--site", file)
         print(next_lines(plan + remark, "cranedyn template chart"))
     return 0
 

@@ -14,6 +14,7 @@ _FOLDER = Path(__file__).with_name("templates")
 TEMPLATES = {
     "site": "a site with one crane and one lift, for lift and lift_report",
     "chart": "a load chart",
+    "tandem": "two cranes that carry one load, for tandem",
     "lifts": "the cranes of a site and the lifts of their shift, for site",
 }
 """What each template is, by its name."""
