@@ -29,7 +29,7 @@ from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.clearance_of import tower_clearance
 from cranedyn.lifts.planning.coverage import Pairs, coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.lifts.planning.lift import Lift, NoWay
-from cranedyn.lifts.planning.motion_proof import unproven_row
+from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, unproven_row
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.support import (
@@ -97,6 +97,13 @@ _DRUM_MASS_RATIO = 5.0
 
 _MAX_DAMPING_RATIO = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
+
+_ANY_STIFFNESS = 2e7
+"""Stiffness of a rope that hangs slack above a load that stands [N], which decides nothing."""
+
+_LEAST_SUPPORT = 0.01
+"""Least distance in plan of the centre of a load that stands from the edges between the corners on
+which it stands [m]."""
 
 _RANGE_TOLERANCE = 1e-9
 """Distance by which drives may leave their ranges by rounding [rad or m]."""
@@ -213,6 +220,42 @@ class GroundLift:
         # The cable of the plan ends at the centre of the load, that of the simulation at its lug.
         q[self.motion.drives[2]] += lug
         return State(q, v)
+
+
+def standing_corners(clearance: Clearance, point: np.ndarray, label: str) -> np.ndarray:
+    """Return the corners of the load of a site where it would stand on what is below a point, in
+    the frame of the site [m], shape (8, 3), without what it sinks into that.
+
+    Args:
+        clearance: Crane and site.
+        point: The point in the frame of the site [m], shape (2,).
+        label: What errors call the point by.
+
+    Raises:
+        OutOfReach: If the crane does not reach it.
+        NoWay: If the load is no box, or would tip over an edge.
+        ModelError: As `from_ground`.
+    """
+    import shapely  # slow, and few lifts need it
+
+    tower = tower_clearance(clearance, "A load that stands")
+    _refuse_unless_a_box(tower.bodies.load)
+    hung = _on_rope(tower, _ANY_STIFFNESS, None, None)
+    place = tower.highest_place(point, label, PROOF_MARGIN)
+    ground = ground_of(
+        tower.site, hung.corners, near=(tower.point(place)[None], tower.bodies.spread)
+    )
+    state = _standing(hung.crane, ground, place, hung.lug)
+    in_crane = _corners_at(hung.crane, ground, state.q)
+    touches = ground.contacts(hung.crane).depth(in_crane.T)[0] > 0.0
+    support = shapely.MultiPoint(in_crane[touches, :2]).convex_hull.buffer(-_LEAST_SUPPORT)
+    if not support.contains(shapely.Point(in_crane[:, :2].mean(axis=0))):
+        raise NoWay(
+            f"At the {label} the load would tip: {int(touches.sum())} of its 8 corners touch what "
+            "is below, and its centre is not between them. Move it where it stands on level ground."
+        )
+    sunk = tower.site.to_site(in_crane)
+    return sunk + np.array([0.0, 0.0, ground.sink])
 
 
 def stands_at(end: np.ndarray | None) -> bool:
@@ -428,7 +471,7 @@ def certify_ground_lift(lift: GroundLift) -> tuple[Trajectory, list[Check]]:
         lift.crane,
         lift.command,
         lift.setpoint,
-        start=start_of(lift),
+        start=ground_lift_start(lift),
         duration=lift.motion.arrival,
         control_period=lift.motion.period,
         ground=lift.ground,
@@ -436,7 +479,7 @@ def certify_ground_lift(lift: GroundLift) -> tuple[Trajectory, list[Check]]:
     return run, ground_lift_checks(lift, run)
 
 
-def start_of(lift: GroundLift) -> State:
+def ground_lift_start(lift: GroundLift) -> State:
     """Return the state in which a lift begins: its load stands below a slack rope, or hangs."""
     crane = lift.crane
     drives = lift.motion(0.0).position
@@ -712,8 +755,14 @@ def load_corners(lift: GroundLift, q: np.ndarray) -> np.ndarray:
     """Return the corners of the load at coordinates of the lift's crane, shape (n,), in the frame
     of the crane [m], shape (8, 3).
     """
-    crane = lift.crane
-    points = crane.payload.lever + np.array(lift.ground.points)
+    return _corners_at(lift.crane, lift.ground, q)
+
+
+def _corners_at(crane: Crane, ground: Ground, q: np.ndarray) -> np.ndarray:
+    """Return the points of the load that touch a ground, at coordinates of the crane [m], shape
+    (points, 3).
+    """
+    points = crane.payload.lever + np.array(ground.points)
     body = crane.payload.body
     position, _ = body_points(crane.model, crane.data, body, points, q, np.zeros_like(q))
     return position.T
