@@ -7,6 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.compiled.batch import simulate_batch
+from cranedyn.compiled.fleet import Fleet
 from cranedyn.compiled.stage_batch import simulate_stage_batch
 from cranedyn.controllers.follow import follow
 from cranedyn.controllers.hold import hold_controller, zero_command
@@ -18,7 +19,7 @@ from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
 from cranedyn.model.load import load_crane
 from cranedyn.references import hold, ramp, spline
-from cranedyn.simulation.stages import LoadStage, StagedRun, simulate_stages
+from cranedyn.simulation.stages import LoadStage, StagedRun, change_load, simulate_stages
 from experiments.scenarios.crane_variants import POINT
 
 HOOK = 100.0
@@ -191,3 +192,20 @@ def test_what_a_batch_of_stages_cannot_do_is_refused_in_a_sentence() -> None:
             drive="motion",
             residual_from=0.5,
         )
+
+
+def test_a_fleet_takes_a_load_in_the_state_that_the_change_leaves() -> None:
+    empty, loaded = tower(HOOK), tower(900.0)
+    start = empty.state(l=10.0, phi=0.1)
+    fleet = Fleet([empty, loaded], 2, control_period=0.1, drive="motion")
+    fleet.place(np.array([0, 1]), start)
+    still = np.zeros((3, 2))
+    z = fleet.step(still)
+    change = change_load(empty, loaded, State(z[:5, 1].copy(), z[5:, 1].copy()), prescribed=True)
+    fleet.place(np.array([1]), change.state, np.array([1]))
+    z = fleet.step(still)
+    stages = [LoadStage(crane, zero_command(crane), 0.1) for crane in (empty, loaded)]
+    whole = simulate_stages(stages, start=start, drive="motion", validity="mark").trajectory
+    assert_allclose(z[:5, 1], whole.q[-1], rtol=0.0, atol=1e-12)
+    assert_allclose(z[5:, 1], whole.v[-1], rtol=0.0, atol=1e-12)
+    assert abs(z[:, 0] - z[:, 1]).max() > 1e-4
