@@ -19,7 +19,17 @@ from cranedyn.lifts.tandem.load import TandemRope
 from cranedyn.lifts.tandem.load_wind import LoadWind
 from cranedyn.lifts.tandem.simulation import LoadPose, simulate_tandem
 from cranedyn.lifts.tandem.statics import lean_in_wind
-from tests.lifts.tandem.test_tandem import BEAM, START, USUAL, YAW, G, held, lift_of, planned
+from tests.lifts.tandem.test_tandem import (
+    BEAM,
+    START,
+    USUAL,
+    YAW,
+    G,
+    held,
+    lift_of,
+    planned,
+    tendon_model,
+)
 
 
 def test_the_faces_together_are_the_area_that_the_box_turns_to_the_wind() -> None:
@@ -96,28 +106,7 @@ def test_mujoco_moves_the_same_load_in_the_same_wind_alike() -> None:
     wind = LoadWind(steady(15.0), 0.5)
     dt = 2.5e-4
     run = simulate_tandem(lift, still, start=start, duration=3.0, dt=dt, period=0.05, wind=wind)
-    sites = []
-    tendons = []
-    for i, (name, motion) in enumerate(zip(lift.names, still, strict=True)):
-        pivot = [str(run[f"{name}_pivot_{axis}_m"][0]) for axis in "xyz"]
-        length = motion.position[0, -1]
-        sites.append(f'<site name="p{i}" pos="{" ".join(pivot)}"/>')
-        tendons.append(
-            f'<spatial stiffness="{rope.stiffness / length}" springlength="0 {length}">'
-            f'<site site="p{i}"/><site site="l{i}"/></spatial>'
-        )
-    lugs = "".join(
-        f'<site name="l{i}" pos="{lug[0]} {lug[1]} {lug[2]}"/>' for i, lug in enumerate(load.lugs)
-    )
-    x, y, z, w = start.rotation.as_quat()
-    inertia = " ".join(map(str, load.moments))
-    model = mujoco.MjModel.from_xml_string(
-        f'<mujoco><option timestep="{dt}" gravity="0 0 -{G}"/><worldbody>'
-        f'{"".join(sites)}<body name="load" pos="{" ".join(map(str, start.position))}" '
-        f'quat="{w} {x} {y} {z}">'
-        f'<freejoint/><inertial pos="0 0 0" mass="{load.mass}" diaginertia="{inertia}"/>{lugs}'
-        f"</body></worldbody><tendon>{''.join(tendons)}</tendon></mujoco>"
-    )
+    model = tendon_model(lift, still, start, run, dt=dt, rule="Euler")
     data = mujoco.MjData(model)
     body = model.body("load").id
     air = 15.0 * np.array([math.cos(0.5), math.sin(0.5), 0.0])
