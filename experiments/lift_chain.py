@@ -11,7 +11,6 @@ import numpy as np
 from cranedyn.command import command_line
 from cranedyn.dynamics.joint_forces import JointForces
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.chain_recording import record_chain
 from cranedyn.lifts.planning.lift_chain import (
     CertifiedChain,
     ChainMove,
@@ -108,6 +107,8 @@ def _refuse_other_options(options: argparse.Namespace) -> None:
 
 def write_recording(certified: CertifiedChain, file: Path, code: int) -> int:
     """Write the recording of a chain, and return the exit code of the experiment."""
+    from cranedyn.lifts.planning.chain_recording import record_chain  # Rerun takes long to import
+
     file = record_chain(file, certified, title=certified.chain.site.name)
     print(f"In 3D: {file}.")
     return code
