@@ -394,8 +394,13 @@ def _run_template(options: argparse.Namespace) -> int:
     elif options.kind == "chart":
         judge = command_line("cranedyn", "run", "lift_report", "--chart", file)
         print(next_lines(judge + remark, "cranedyn template site"))
+    elif options.kind == "chain":
+        words = ("--site", "open_yard", "--chain", file, "--set", "hoist_max:=30")
+        chain = command_line("cranedyn", "run", "lift", *words)
+        print(next_lines(chain + remark, "cranedyn template site"))
     else:
-        plan = command_line("cranedyn", "run", "site", "--site", file)
+        experiment = "tandem" if options.kind == "tandem" else "site"
+        plan = command_line("cranedyn", "run", experiment, "--site", file)
         print(next_lines(plan + remark, "cranedyn template chart"))
     return 0
 

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 
 from cranedyn.checks import number, whole
+from cranedyn.command import command
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import DataError
 from cranedyn.interfaces import EngineName
@@ -27,11 +28,13 @@ from cranedyn.lifts.planning.ground_lift import (
     stands_at,
 )
 from cranedyn.lifts.planning.lift import Lift, crane_of, plan_lift
+from cranedyn.lifts.planning.lift_chain import CertifiedChain
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed, perturb
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import EXAMPLES, read_site
 from cranedyn.verdict import Check, Verdict, overall
 from experiments import harness
+from experiments.lift_chain import chain_outcome, write_recording
 from experiments.scenarios.moves import LIMITS
 
 LIFTS = 10_000
@@ -442,7 +445,21 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--to", dest="goal", nargs="+", type=float, metavar=("X", "Y"), help=text)
     add("--lifts", type=int, default=LIFTS, metavar="N", help="perturbed lifts; 0 for none")
     add("--least-time", action="store_true", help=LEAST_TIME)
-    return harness.run_experiment(parser, experiment, argv)
+    text = (
+        "lifts one after the other, from a .toml file with [[lift]], see docs/howto/lift_chain.md"
+    )
+    add("--chain", metavar="FILE", default=None, help=text)
+    chains: list[tuple[CertifiedChain, Path]] = []
+
+    def experiment_or_chain(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
+        if options.chain is None:
+            return experiment(options, setup)
+        outcome, certified = chain_outcome(options, setup)
+        chains.append((certified, options.recording))
+        return outcome
+
+    code = harness.run_experiment(parser, experiment_or_chain, argv)
+    return command(lambda: write_recording(*chains[0], code)) if chains else code
 
 
 if __name__ == "__main__":

@@ -17,7 +17,7 @@ from typing import Literal
 
 import numpy as np
 
-from cranedyn.checks import check_choice, number, read_only, whole, within, worker_count
+from cranedyn.checks import check_choice, read_only, whole, within, worker_count
 from cranedyn.clocks import Clocks, clocks
 from cranedyn.compiled import cuda, inputs
 from cranedyn.compiled.binding import BoundKernel
@@ -54,11 +54,7 @@ def _recorded(name: str) -> cached_property[np.ndarray]:
     """
 
     def columns(batch: Batch) -> np.ndarray:
-        section = batch.log[:, :, batch.columns[name]]  # (groups, rows, columns, lanes)
-        by_lane = section.transpose(0, 3, 2, 1)
-        groups, lanes, width, rows = by_lane.shape
-        by_crane = by_lane.reshape(groups * lanes, width, rows)[: len(batch)]
-        values = by_crane.swapaxes(1, 2)
+        values = batch.recorded(name)
         return values[:, :, 0] if name == "energy" else values
 
     return cached_property(columns)
@@ -76,7 +72,8 @@ class Batch:
         largest_effort: Largest efforts of the drives [N m or N], shape (cranes, m).
         valid_until: Time at which the model ceased to hold, see `cranedyn.dynamics.validity` [s];
             inf where it held throughout; shape (cranes,).
-        t: Times of the recorded rows [s], shape (rows,).
+        t: Times of the recorded rows [s], shape (rows,); shape (cranes, rows) where cranes begin at
+            times of their own.
         q: Coordinates at these times [rad or m], shape (cranes, rows, n).
         v: Rates at these times [rad/s or m/s], shape (cranes, rows, n).
         command: Efforts that the commands of the controllers ask for [N m or N], shape (cranes,
@@ -113,11 +110,21 @@ class Batch:
     def __repr__(self) -> str:
         """Return how many cranes and rows there are, and where the model ceased to hold."""
         invalid = int(np.isfinite(self.valid_until).sum())
-        rows = f"{len(self.t)} rows each, {invalid} not valid throughout"
+        rows = f"{self.t.shape[-1]} rows each, {invalid} not valid throughout"
         return f"Batch of {len(self)} cranes, {rows}"
 
     def __len__(self) -> int:
         return len(self.peak_swing)
+
+    def recorded(self, name: str) -> np.ndarray:
+        """Return a section of the log by its name in `columns`, crane by crane, shape (cranes,
+        rows, columns).
+        """
+        section = self.log[:, :, self.columns[name]]  # (groups, rows, columns, lanes)
+        by_lane = section.transpose(0, 3, 2, 1)
+        groups, lanes, width, rows = by_lane.shape
+        by_crane = by_lane.reshape(groups * lanes, width, rows)[: len(self)]
+        return by_crane.swapaxes(1, 2)
 
 
 def simulate_batch(
@@ -126,7 +133,7 @@ def simulate_batch(
     reference: Reference | Sequence[Reference] | None = None,
     *,
     start: State | Sequence[State] | None = None,
-    t_start: float = 0.0,
+    t_start: float | Sequence[float] = 0.0,
     duration: float,
     dt: float = 5e-4,
     control_period: float = 5e-3,
@@ -159,7 +166,8 @@ def simulate_batch(
             memory begin with its contents, which stay unchanged.
         reference: One or n; None holds the drives where they start.
         start: One state, n states, or one with n rows; None for where each crane starts.
-        t_start: Time at the start [s].
+        t_start: Time at the start [s], one for all, or n, so that each crane has a clock of its
+            own: then without a base that moves, `residual_from` and predictive controllers.
         duration: Duration of the run [s].
         dt: Physics step [s].
         control_period: Time between control instants [s].
@@ -201,10 +209,8 @@ def simulate_batch(
     """
     clock = clocks(duration, dt, control_period)
     _check_choices(drive, device, precision)
-    number("time at the start", t_start, "s", "-1e9 to 1e9")
     _check_together(device, threads, drive, buffers, force, force_interval, base)
     check_rule(integrator)
-    residual_instant = _instant(residual_from, t_start, clock)
     log_interval = min(whole("record", record, 0), clock.periods + 1)
     log_rows = clock.periods // log_interval + 1 if log_interval else 0
     workers = worker_count("threads", threads)
@@ -222,7 +228,9 @@ def simulate_batch(
         start=start,
         converter=converters,
         base=base,
+        start_time=t_start,
     )
+    begins = _begins(t_start, cranes, clock, residual_from, base)
     models = _models(crane, cranes, drive, converters, clock, ground)
     sizes = models.sizes
     delays, reading_count = inputs.sensor_delays(sensor_delay, cranes)
@@ -230,22 +238,25 @@ def simulate_batch(
         sizes, cranes, log_rows, clock.periods, extra=reading_count * sizes.z
     )
     state = inputs.start_states(start, cranes, sizes.n)
-    times = read_only(t_start + control_period * np.arange(clock.periods + 1))
+    times = read_only(begins.first + begins.since_start)
 
     # Tables of what acts and what is commanded at each control instant.
-    root = inputs.root_table(base, models.distinct, models.index, t_start, clock, used)
+    root = inputs.root_table(base, models.distinct, models.index, begins.first, clock, used)
     used += 0 if root is None else root.rows.size
     # From here on, forces are in the axes of the base.
     force = inputs.force_in_base_axes(force, base, cranes, times)
     forces = inputs.force_table(force, cranes, sizes)
     offsets = inputs.offset_tables(sensor_offset, cranes, sizes)
     used += sum(table.rows.size for table in (forces, *offsets))
-    control = inputs.control_tables(models.distinct[0], controller, reference, state, times, used)
+    control = inputs.control_tables(
+        models.distinct[0], controller, reference, state, begins.of_each, begins.since_start, used
+    )
     tables = (control.gain_table, control.setpoint_table, forces, *offsets)
     predictive = control.predictive
     _check_device_and_precision(
         device, precision, models, predictive, buffers=buffers, moves=base is not None
     )
+    begins.check_together(predictive)
 
     # The code, one for all cranes.
     options = KernelOptions(
@@ -281,7 +292,7 @@ def simulate_batch(
         memory.readings = np.zeros((memory.groups, reading_count * sizes.z, lanes))
     if predictive is not None:
         memory.horizon, memory.workspace = _horizon(
-            predictive, drive, t_start, clock, memory.groups, used
+            predictive, drive, begins.first, clock, memory.groups, used
         )
     if not all(options.shared):
         starts = [table.starts[:, None] for table in tables]
@@ -295,7 +306,7 @@ def simulate_batch(
         end=clock.periods,
         force_interval=force_interval,
         log_interval=max(log_interval, 1),
-        residual_from=residual_instant,
+        residual_from=_instant(residual_from, begins.first, clock),
         reading_count=reading_count,
         state=memory.state,
         numbers=memory.numbers,
@@ -316,7 +327,7 @@ def simulate_batch(
     # Frees the memory of the tables before results are copied, so that both never stand in memory
     # together.
     del loop, control, tables, forces, offsets
-    return _results(memory, sizes, predictive, times, control_period, log_interval, log_rows)
+    return _results(memory, sizes, predictive, begins.times, control_period, log_interval, log_rows)
 
 
 def _check_choices(drive: Drive, device: Device, precision: Precision) -> None:
@@ -356,6 +367,74 @@ def _check_together(
     if base is not None and force_interval != 1:
         # The base turns against a force in the world from one instant to the next.
         raise OutOfRange("force_interval", force_interval, "1 on a base that moves")
+
+
+@dataclass(frozen=True, eq=False)
+class _Begins:
+    """When the cranes of a batch begin.
+
+    Attributes:
+        of_each: Time at the start of each crane [s], shape (cranes,).
+        clock: How the run is divided.
+        own: Whether each crane has a time of its own, even if these are the same.
+    """
+
+    of_each: np.ndarray
+    clock: Clocks
+    own: bool
+
+    @property
+    def since_start(self) -> np.ndarray:
+        """Control instants from the start on [s], shape (instants,)."""
+        return self.clock.period * np.arange(self.clock.periods + 1)
+
+    @property
+    def first(self) -> float:
+        """Time at the start of the first crane, which is that of all unless they have their own
+        [s].
+        """
+        return float(self.of_each[0])
+
+    @property
+    def times(self) -> np.ndarray:
+        """Control instants [s], shape (instants,), or (cranes, instants) where cranes begin at
+        times of their own.
+        """
+        if self.own:
+            return read_only(self.of_each[:, None] + self.since_start)
+        return read_only(self.first + self.since_start)
+
+    def check_together(self, predictive: Receding | None) -> None:
+        """Refuse a predictive controller, whose clock is one for all cranes, where they have their
+        own.
+
+        Raises:
+            OutOfRange: If there is one.
+        """
+        if self.own and predictive is not None:
+            allowed = "one for all cranes where the controller is a predictive one"
+            raise OutOfRange("time at the start", "one for each crane", allowed)
+
+
+def _begins(
+    t_start: float | Sequence[float],
+    cranes: int,
+    clock: Clocks,
+    residual_from: float | None,
+    base: BaseMotion | Sequence[BaseMotion] | None,
+) -> _Begins:
+    """Return when the cranes begin, see `simulate_batch` for the arguments.
+
+    Raises:
+        OutOfRange: If a time is out of range, or an argument needs one time for all.
+    """
+    own = np.ndim(t_start) > 0
+    allowed = "None where cranes begin at times of their own"
+    if own and residual_from is not None:
+        raise OutOfRange("residual_from", residual_from, allowed)
+    if own and base is not None:
+        raise OutOfRange("base", "one that moves", allowed)
+    return _Begins(inputs.start_times(t_start, cranes), clock, own)
 
 
 def _check_device_and_precision(
@@ -641,7 +720,7 @@ def _results(
         memory: The memory.
         sizes: Layout of the buffers of each crane.
         predictive: The predictive controller of all cranes; None for others.
-        times: Control instants [s].
+        times: Control instants [s], shape (instants,) or (cranes, instants).
         period: Time between them [s].
         log_interval: Control instants from one recorded row to the next; 0 for no record.
         log_rows: Recorded rows of each crane.
@@ -660,8 +739,8 @@ def _results(
         peak_swing=np.sqrt(summary[:, summary_columns["peak"]][:, 0]),
         residual_swing=np.sqrt(summary[:, summary_columns["residual"]][:, 0]),
         largest_effort=summary[:, summary_columns["effort"]],
-        valid_until=times[0] + period * first_invalid,
-        t=times[:: max(log_interval, 1)][:log_rows],
+        valid_until=times[..., 0] + period * first_invalid,
+        t=times[..., :: max(log_interval, 1)][..., :log_rows],
         log=memory.log.reshape(groups, log_rows, size(sizes.row), lanes),
         columns=slices(sizes.row),
         failures=failures,

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.checks import finite, whole, within
+from cranedyn.checks import finite, number, whole, within
 from cranedyn.clocks import Clocks, at_begin_of_run
 from cranedyn.compiled.horizon.receding import Receding
 from cranedyn.compiled.loop_tables import (
@@ -83,7 +83,14 @@ class ControlTables(NamedTuple):
 
 
 def crane_count(
-    *, crane: Any, controller: Any, reference: Any, start: Any, converter: Any, base: Any
+    *,
+    crane: Any,
+    controller: Any,
+    reference: Any,
+    start: Any,
+    converter: Any,
+    base: Any,
+    start_time: Any = None,
 ) -> int:
     """Return the number of cranes that arguments of a batch have in common, each of them one object
     for all cranes or a sequence with one for each.
@@ -98,6 +105,7 @@ def crane_count(
         "start": start,
         "converter": converter,
         "base": base,
+        "start time": start_time,
     }
     lengths = {}
     for name, value in arguments.items():
@@ -146,18 +154,41 @@ def start_states(start: State | Sequence[State], cranes: int, joints: int) -> St
     return State(np.broadcast_to(q, each), np.broadcast_to(v, each))
 
 
+def start_times(t_start: float | Sequence[float], cranes: int) -> np.ndarray:
+    """Return the time at the start of each crane [s], shape (cranes,).
+
+    Args:
+        t_start: One time for all cranes, or one for each.
+        cranes: Number of cranes.
+
+    Raises:
+        OutOfRange: If there is another number of them, or one is not from -1e9 to 1e9.
+    """
+    times = np.atleast_1d(np.asarray(t_start, dtype=float))
+    for time in times.tolist():
+        number("time at the start", time, "s", "-1e9 to 1e9")
+    return np.broadcast_to(finite("times at the start", times, (1,), (cranes,)), (cranes,))
+
+
 def control_tables(
-    crane: Crane, controller: Any, reference: Any, start: State, times: np.ndarray, used: int
+    crane: Crane,
+    controller: Any,
+    reference: Any,
+    start: State,
+    t_start: np.ndarray,
+    since_start: np.ndarray,
+    used: int,
 ) -> ControlTables:
-    """Return the tables of controllers and references, one for each distinct object; without a
-    reference the drives hold their start.
+    """Return the tables of controllers and references, one for each distinct object and time at
+    which it begins; without a reference the drives hold their start.
 
     Args:
         crane: One of the cranes.
         controller: One controller or n.
         reference: One reference or n, or None.
         start: Coordinates and rates at the start, shape (cranes, joints) each.
-        times: Control instants [s].
+        t_start: Time at the start of each crane [s], shape (cranes,).
+        since_start: Control instants from there on [s], shape (instants,).
         used: Numbers of memory already used.
 
     Raises:
@@ -170,14 +201,28 @@ def control_tables(
         return _hold_tables(controller, sizes, start.q[:, crane.layout.drives], used)
     reference_of, references = _references(crane, reference, start, used)
     controller_of, controllers = distinct_objects(controller, cranes)
-    # Several references may share a controller: each begins its run once, here.
-    controllers = [_at_start(one, times) for one in controllers]
-    most_states = _most_states(controllers, references[0], times, sizes)
+    # Several cranes may share a controller: it begins its run once for each time of a start, here.
+    # From here on, a controller that begins at two times counts as two.
+    first_times, time_of = np.unique(t_start, return_inverse=True)
+    begun_numbers, begun_of = np.unique(
+        controller_of * len(first_times) + time_of, return_inverse=True
+    )
+    begun = []
+    times_of_begun = []
+    original_of_begun = []
+    for begun_number in begun_numbers.tolist():
+        controller_index, time_index = divmod(begun_number, len(first_times))
+        times = first_times[time_index] + since_start
+        begun.append(_at_start(controllers[controller_index], times))
+        times_of_begun.append(times)
+        original_of_begun.append(controller_index)
+    controllers = begun
+    most_states = _most_states(controllers, references[0], times_of_begun[0], sizes)
     sizes = replace(sizes, controller_states=most_states)
     used += _COPIES * cranes * most_states
 
     # A pair is a controller with a reference; each pair that occurs has a setpoint table.
-    pair_numbers = controller_of * len(references) + reference_of
+    pair_numbers = begun_of * len(references) + reference_of
     pairs, pair_of = np.unique(pair_numbers, return_inverse=True)
     used += _NUMBERS_PER_PAIR * len(pairs)
     gains = TableStack()
@@ -190,6 +235,7 @@ def control_tables(
     last_gain_index: dict[int, int] = {}
     for pair in pairs.tolist():
         controller_index, reference_index = divmod(pair, len(references))
+        times = times_of_begun[controller_index]
         position = tabulated(references[reference_index], times, sizes.m).position
         form = _pair_form(controllers[controller_index], sizes, times, position)
         integrals.append(form.integral)
@@ -200,10 +246,11 @@ def control_tables(
         # The gains of most controllers do not depend on the reference. A gain table that equals the
         # last one of the same controller is stored once; pairs are sorted by controller.
         rows = gain_table(sizes, form)
-        last = last_gain_index.get(controller_index)
+        original = original_of_begun[controller_index]
+        last = last_gain_index.get(original)
         if last is None or not np.array_equal(rows, gains.arrays[last]):
-            last_gain_index[controller_index] = gains.add(rows)
-        gain_index_of_pair.append(last_gain_index[controller_index])
+            last_gain_index[original] = gains.add(rows)
+        gain_index_of_pair.append(last_gain_index[original])
 
         # Checked in the loop, so that too many tables are refused before all are made.
         counts = f"{len(gains.arrays)} and {len(setpoints.arrays)} or more"

@@ -18,9 +18,15 @@ from cranedyn.data.files import atomic_write, with_ending
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.style import rgb, run_colour
-from cranedyn.recording.contents import SCENE, clock, rows_every, utf8
+from cranedyn.recording.contents import SCENE, Obstacle, clock, rows_every, utf8
 from cranedyn.recording.recorder import check_enabled
-from cranedyn.recording.scene import BACKGROUND, archetype, urdf_tree
+from cranedyn.recording.scene import (
+    BACKGROUND,
+    archetype,
+    obstacle_colour,
+    obstacle_mesh,
+    urdf_tree,
+)
 from cranedyn.recording.shapes import shapes
 
 _FRAME_PERIOD = 0.04
@@ -97,6 +103,7 @@ def record_postures(
     boxes: Sequence[MovingBox] = (),
     lines: Sequence[MovingLine] = (),
     *,
+    obstacles: Sequence[Obstacle] = (),
     curves: Mapping[str, Mapping[str, np.ndarray]] | None = None,
     title: str,
     text: str = "",
@@ -109,6 +116,7 @@ def record_postures(
         cranes: The cranes.
         boxes: Boxes beside them.
         lines: Lines beside them.
+        obstacles: Obstacles, in the frame of the scene; what is near to them is not marked.
         curves: Plots by their titles, each with its curves by name, shape (rows,) each.
         title: Heading of the recording.
         text: Description in Markdown.
@@ -135,6 +143,10 @@ def record_postures(
         frames = rows_every(t, _FRAME_PERIOD)
         for crane in cranes:
             _log_crane(recording, crane, t, frames)
+        for obstacle in obstacles:
+            colour = rr.Mesh3D.from_fields(albedo_factor=obstacle_colour(obstacle))
+            entity = _entity("site", obstacle.name)
+            recording.log(entity, obstacle_mesh(obstacle), colour, static=True)
         for i, box in enumerate(boxes):
             _log_box(recording, box, t, frames, run_colour(i))
         for line in lines:

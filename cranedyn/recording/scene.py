@@ -481,26 +481,35 @@ class Scene:
             name: Name of its entity.
             t_start: Time at which the run begins [s].
         """
-        # Each triangle has corners of its own, all with its normal: so edges are drawn sharp. A
-        # triangle without area has no normal; the quotient then must not be 0/0.
-        corners = obstacle.vertices[obstacle.triangles]
-        normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-        normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
-        mesh = rr.Mesh3D.from_fields(
-            vertex_positions=corners.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0)
-        )
-        self._log(self._ground, mesh, "site", name)
-
-        usual_colour = _ZONE_COLOUR if obstacle.zone else _SOLID_COLOUR
-        alpha = _ZONE_ALPHA if obstacle.zone else 255
+        self._log(self._ground, obstacle_mesh(obstacle), "site", name)
+        *usual_colour, alpha = obstacle_colour(obstacle)
         times = np.array([t_start, *obstacle.near])
         rgba = []
         for k in range(len(times)):
             # The load is far at the start; then it comes near and leaves in turn.
             is_near = k % 2 == 1
-            rgba.append([*rgb(_NEAR_COLOUR if is_near else usual_colour), alpha])
+            rgba.append([*(rgb(_NEAR_COLOUR) if is_near else usual_colour), alpha])
         columns = rr.Mesh3D.columns(albedo_factor=rgba)
         self._send(times, columns, "scene", "site", name)
+
+
+def obstacle_mesh(obstacle: Obstacle) -> rr.Mesh3D:
+    """Return the surface of an obstacle as a mesh of Rerun, without a colour."""
+    # Each triangle has corners of its own, all with its normal: so edges are drawn sharp. A
+    # triangle without area has no normal; the quotient then must not be 0/0.
+    corners = obstacle.vertices[obstacle.triangles]
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-12)
+    return rr.Mesh3D.from_fields(
+        vertex_positions=corners.reshape(-1, 3), vertex_normals=np.repeat(normals, 3, axis=0)
+    )
+
+
+def obstacle_colour(obstacle: Obstacle) -> list[int]:
+    """Return red, green, blue and opacity of an obstacle that nothing is near to, 0 to 255."""
+    if obstacle.zone:
+        return [*rgb(_ZONE_COLOUR), _ZONE_ALPHA]
+    return [*rgb(_SOLID_COLOUR), 255]
 
 
 def archetype(group: Sequence[Shape], fill_mode: Any) -> rr.AsComponents:

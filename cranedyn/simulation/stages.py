@@ -146,11 +146,11 @@ def simulate_stages(
             )
         except RunError as error:
             if error.trajectory is not None:
-                error.trajectory = _joined([*pieces, error.trajectory], changes)
+                error.trajectory = join_stages([*pieces, error.trajectory], changes)
             raise
-        pieces.append(_ended(piece, stage, i))
+        pieces.append(until_end(piece, stage, i))
         t = float(pieces[-1].t[-1])
-    return StagedRun(_joined(pieces, changes), tuple(pieces), tuple(changes))
+    return StagedRun(join_stages(pieces, changes), tuple(pieces), tuple(changes))
 
 
 def change_load(
@@ -218,7 +218,7 @@ def _check_same_crane(before: Crane, after: Crane) -> None:
             )
 
 
-def _ended(piece: Trajectory, stage: LoadStage, index: int) -> Trajectory:
+def until_end(piece: Trajectory, stage: LoadStage, index: int) -> Trajectory:
     """Return the trajectory of a stage until it ends.
 
     Raises:
@@ -241,7 +241,7 @@ def _ended(piece: Trajectory, stage: LoadStage, index: int) -> Trajectory:
     return piece.between(float(piece.t[0]), float(piece.t[last]))
 
 
-def _joined(pieces: Sequence[Trajectory], changes: Sequence[LoadChange]) -> Trajectory:
+def join_stages(pieces: Sequence[Trajectory], changes: Sequence[LoadChange]) -> Trajectory:
     """Return stages as one trajectory, whose outside work has what the changes bring."""
     whole = join(pieces)
     brought = np.zeros(len(whole.t))

@@ -29,7 +29,13 @@ ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
 LONG = {
     *("control.md", "design_to_plc.md", "drive.md", "drives.md", "first_lift.md"),
     "foreign_cranes.md",
-    *("judge_lift.md", "lift_from_ground.md", "other_cranes_lift.md", "own_design.md"),
+    *(
+        "judge_lift.md",
+        "lift_chain.md",
+        "lift_from_ground.md",
+        "other_cranes_lift.md",
+        "own_design.md",
+    ),
     *("planning.md", "several_cranes.md"),
 }
 """Pages whose code takes longest."""

@@ -1,5 +1,5 @@
-"""Commented files to begin with: of a site with one crane, of a load chart, and of the lifts of
-several cranes.
+"""Commented files to begin with: of a site with one crane, of a load chart, of lifts one after the
+other, of a load of two cranes, and of the lifts of several cranes.
 """
 
 from __future__ import annotations
@@ -14,6 +14,8 @@ _FOLDER = Path(__file__).with_name("templates")
 TEMPLATES = {
     "site": "a site with one crane and one lift, for lift and lift_report",
     "chart": "a load chart",
+    "chain": "lifts of one crane, one after the other, for lift --chain",
+    "tandem": "two cranes that carry one load, for tandem",
     "lifts": "the cranes of a site and the lifts of their shift, for site",
 }
 """What each template is, by its name."""

@@ -29,7 +29,7 @@ from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.clearance_of import tower_clearance
 from cranedyn.lifts.planning.coverage import Pairs, coverage_check, hanging_pairs, slewing_pairs
 from cranedyn.lifts.planning.lift import Lift, NoWay
-from cranedyn.lifts.planning.motion_proof import unproven_row
+from cranedyn.lifts.planning.motion_proof import PROOF_MARGIN, unproven_row
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.support import (
@@ -98,6 +98,13 @@ _DRUM_MASS_RATIO = 5.0
 _MAX_DAMPING_RATIO = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
 
+_ANY_STIFFNESS = 2e7
+"""Stiffness of a rope that hangs slack above a load that stands [N], which decides nothing."""
+
+_LEAST_SUPPORT = 0.01
+"""Least distance in plan of the centre of a load that stands from the edges between the corners on
+which it stands [m]."""
+
 _RANGE_TOLERANCE = 1e-9
 """Distance by which drives may leave their ranges by rounding [rad or m]."""
 
@@ -152,6 +159,7 @@ class GroundLift:
         controller: Controller of the crane of the plan.
         phases: Time at which each phase begins [s], by name: "motion", before it "lift-off" and
             "pause", after it "set-down".
+        lug: Height of the lug, where the rope ends, above the centre of the load [m].
     """
 
     lift: Lift
@@ -160,11 +168,12 @@ class GroundLift:
     motion: Motion
     controller: Controller
     phases: Mapping[str, float]
+    lug: float
 
     def setpoint(self, t: float) -> Setpoint:
         """Return the setpoint of the drives at a time [s]."""
         position, velocity, acceleration = self.motion(t)
-        return Setpoint(position - [0.0, 0.0, _lug(self.crane)], velocity, acceleration)
+        return Setpoint(position - [0.0, 0.0, self.lug], velocity, acceleration)
 
     def command(self, t: float, state: State, setpoint: Setpoint) -> np.ndarray:
         """Return the efforts of the drives [N m or N], shape (3,)."""
@@ -193,7 +202,7 @@ class GroundLift:
             hangs: Whether the load hangs; else its swing angles and their rates are zero.
         """
         at = self.crane.layout.at
-        lug = _lug(self.crane)
+        lug = self.lug
         # A load on a rope l and a sling s, with the angles φ and φ + σ, is at the same place to
         # first order as one on a rope l + s with the angle φ + s/(l + s) σ. The coordinates of a
         # crane of the plan are slew, trolley, two swing angles and cable, in this order, see
@@ -211,6 +220,42 @@ class GroundLift:
         # The cable of the plan ends at the centre of the load, that of the simulation at its lug.
         q[self.motion.drives[2]] += lug
         return State(q, v)
+
+
+def standing_corners(clearance: Clearance, point: np.ndarray, label: str) -> np.ndarray:
+    """Return the corners of the load of a site where it would stand on what is below a point, in
+    the frame of the site [m], shape (8, 3), without what it sinks into that.
+
+    Args:
+        clearance: Crane and site.
+        point: The point in the frame of the site [m], shape (2,).
+        label: What errors call the point by.
+
+    Raises:
+        OutOfReach: If the crane does not reach it.
+        NoWay: If the load is no box, or would tip over an edge.
+        ModelError: As `from_ground`.
+    """
+    import shapely  # slow, and few lifts need it
+
+    tower = tower_clearance(clearance, "A load that stands")
+    _refuse_unless_a_box(tower.bodies.load)
+    hung = _on_rope(tower, _ANY_STIFFNESS, None, None)
+    place = tower.highest_place(point, label, PROOF_MARGIN)
+    ground = ground_of(
+        tower.site, hung.corners, near=(tower.point(place)[None], tower.bodies.spread)
+    )
+    state = _standing(hung.crane, ground, place, hung.lug)
+    in_crane = _corners_at(hung.crane, ground, state.q)
+    touches = ground.contacts(hung.crane).depth(in_crane.T)[0] > 0.0
+    support = shapely.MultiPoint(in_crane[touches, :2]).convex_hull.buffer(-_LEAST_SUPPORT)
+    if not support.contains(shapely.Point(in_crane[:, :2].mean(axis=0))):
+        raise NoWay(
+            f"At the {label} the load would tip: {int(touches.sum())} of its 8 corners touch what "
+            "is below, and its centre is not between them. Move it where it stands on level ground."
+        )
+    sunk = tower.site.to_site(in_crane)
+    return sunk + np.array([0.0, 0.0, ground.sink])
 
 
 def stands_at(end: np.ndarray | None) -> bool:
@@ -239,6 +284,8 @@ def from_ground(
     creep: float = 0.1,
     sink_rate: float = 0.1,
     stands: tuple[bool, bool] = (True, True),
+    hook: HookBlock | None = None,
+    drum_inertia: float | None = None,
 ) -> GroundLift:
     """Return a lift that begins on the ground or obstacle below its start and ends on that below
     its goal.
@@ -252,9 +299,14 @@ def from_ground(
             rate of the hoist.
         sink_rate: Largest speed of the set-down [m/s], in the same range.
         stands: Whether the load stands at the start and at the goal; else it hangs there.
+        hook: Hook block between rope and load, which stands on the load and whose mass is part of
+            that of the crane's load; None for a rope that ends on top of the load, with all mass in
+            the load.
+        drum_inertia: Mass of hoist drum and motor at the rope [kg]; None for that of the crane, or
+            else a multiple of the load.
 
     Raises:
-        OutOfRange: If a number is out of its range.
+        OutOfRange: If a number is out of its range, or the hook is as heavy as hook and load.
         NoWay: If the load would stand on or in a mesh that is not convex, or is no box.
         ModelError: If it is no tower crane of this project's kind, or has names of joints or links
             that those of a rope that stretches have.
@@ -267,23 +319,24 @@ def from_ground(
     sink_rate = within("sink rate", sink_rate, LEAST_HOIST_SPEED, fastest, "m/s")
     _refuse_unless_a_box(clearance.bodies.load)
     falls = _falls_of(clearance) if falls is None else whole("number of falls", falls, 1)
-    crane, sides = _on_rope(clearance, falls * rope_stiffness)
+    hung = _on_rope(clearance, falls * rope_stiffness, hook, drum_inertia)
+    crane = hung.crane
     # Contact is computed only where the load can come near to the ground.
     reach = clearance.bodies.spread + clearance.site.distance
     ends = clearance.point(lift.ends)
-    ground = ground_of(clearance.site, box_corners(*sides), near=(ends, reach))
+    ground = ground_of(clearance.site, hung.corners, near=(ends, reach))
 
     stands_at_start, stands_at_goal = stands
     phases: dict[str, _Rows] = {}
     if stands_at_start:
-        standing_state = _standing(crane, ground, planned(0.0).position)
+        standing_state = _standing(crane, ground, planned(0.0).position, hung.lug)
         # A lift-off is a set-down backward in time.
         raised = _set_down(crane, planned, standing_state, 0, creep).backward()
         phases["lift-off"] = raised
         phases["pause"] = raised.last_repeated(round(PAUSE / planned.period))
     phases["motion"] = _Rows(planned.q, planned.v, planned.a)
     if stands_at_goal:
-        standing_state = _standing(crane, ground, planned(planned.arrival).position)
+        standing_state = _standing(crane, ground, planned(planned.arrival).position, hung.lug)
         phases["set-down"] = _set_down(crane, planned, standing_state, -1, sink_rate)
 
     begins = {}
@@ -298,7 +351,8 @@ def from_ground(
         np.concatenate([rows.a for rows in phases.values()]),
         planned.drives,
     )
-    ground_lift = GroundLift(lift, crane, ground, motion, lqr(lift.crane, motion), begins)
+    controller = lqr(lift.crane, motion)
+    ground_lift = GroundLift(lift, crane, ground, motion, controller, begins, hung.lug)
     _refuse_meshes(ground_lift, stands)
     return ground_lift
 
@@ -392,7 +446,7 @@ def _refuse_meshes(lift: GroundLift, stands: tuple[bool, bool]) -> None:
         times["goal"] = planned.arrival
     for name, t in times.items():
         drives = planned(t).position
-        corners = load_corners(lift, _standing(lift.crane, lift.ground, drives).q)
+        corners = load_corners(lift, _standing(lift.crane, lift.ground, drives, lift.lug).q)
         for mesh in meshes_at(lift.lift.clearance.site, corners):
             raise NoWay(
                 f"At the {name} the load would stand on or in {mesh}, a mesh that is not convex, "
@@ -413,22 +467,34 @@ def certify_ground_lift(lift: GroundLift) -> tuple[Trajectory, list[Check]]:
     Raises:
         RunError: If the simulation breaks off.
     """
-    crane = lift.crane
-    motion = lift.motion
-    drives = motion(0.0).position
-    if "lift-off" in lift.phases:
-        start = _standing(crane, lift.ground, drives)
-    else:
-        start = State(crane.hanging(_below(crane, drives).q), np.zeros(crane.layout.n))
     run = simulate(
-        crane,
+        lift.crane,
         lift.command,
         lift.setpoint,
-        start=start,
-        duration=motion.arrival,
-        control_period=motion.period,
+        start=ground_lift_start(lift),
+        duration=lift.motion.arrival,
+        control_period=lift.motion.period,
         ground=lift.ground,
     )
+    return run, ground_lift_checks(lift, run)
+
+
+def ground_lift_start(lift: GroundLift) -> State:
+    """Return the state in which a lift begins: its load stands below a slack rope, or hangs."""
+    crane = lift.crane
+    drives = lift.motion(0.0).position
+    if "lift-off" in lift.phases:
+        return _standing(crane, lift.ground, drives, lift.lug)
+    return State(crane.hanging(_below(crane, drives, lift.lug).q), np.zeros(crane.layout.n))
+
+
+def ground_lift_checks(lift: GroundLift, run: Trajectory) -> list[Check]:
+    """Return the checks of the phases of a lift from the ground or to it.
+
+    Args:
+        lift: The lift.
+        run: Its simulation, from time 0 on; it may go on after the end of the lift.
+    """
     phases = _Phases.of(lift, run)
     checks: list[Check] = []
     if "lift-off" in lift.phases:
@@ -438,7 +504,7 @@ def certify_ground_lift(lift: GroundLift) -> tuple[Trajectory, list[Check]]:
     checks += _distance_checks(lift, run, phases)
     if "set-down" in lift.phases:
         checks.append(_set_down_check(lift, run, phases))
-    return run, checks
+    return checks
 
 
 @dataclass(frozen=True, eq=False)
@@ -484,7 +550,7 @@ def _lift_off_check(lift: GroundLift, run: Trajectory, phases: _Phases) -> Check
     if not carries.any():
         return Check("Lift-off: the rope never carries the weight of the load.", False)
     lifted = int(np.argmax(carries))
-    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, begin))
+    largest = _largest_pull(lift.crane, lift.motion, slice(lifted, begin), lift.lug)
     bound = f"{largest:.3f} by closed form"
     if (run["phase"][:begin] == OFF_LEAD).any():
         # No pull is less than NaN, so that a lift without a bound fails the check.
@@ -640,7 +706,7 @@ def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hang
     what they miss where the load turns in its sling is derived below.
     """
     clearance = lift.lift.clearance
-    lug = _lug(lift.crane)
+    lug = lift.lug
     rope = lift.crane.springs.rope
     assert rope is not None  # see `_on_rope`
     q = phases.seen.copy()
@@ -689,8 +755,14 @@ def load_corners(lift: GroundLift, q: np.ndarray) -> np.ndarray:
     """Return the corners of the load at coordinates of the lift's crane, shape (n,), in the frame
     of the crane [m], shape (8, 3).
     """
-    crane = lift.crane
-    points = crane.payload.lever + np.array(lift.ground.points)
+    return _corners_at(lift.crane, lift.ground, q)
+
+
+def _corners_at(crane: Crane, ground: Ground, q: np.ndarray) -> np.ndarray:
+    """Return the points of the load that touch a ground, at coordinates of the crane [m], shape
+    (points, 3).
+    """
+    points = crane.payload.lever + np.array(ground.points)
     body = crane.payload.body
     position, _ = body_points(crane.model, crane.data, body, points, q, np.zeros_like(q))
     return position.T
@@ -705,9 +777,37 @@ def _falls_of(clearance: Clearance) -> int:
     return int(clearance.crane.record.get("arguments", {}).get("falls", 1))
 
 
-def _on_rope(clearance: TowerClearance, ea: float) -> tuple[Crane, list[float]]:
+class HookBlock(NamedTuple):
+    """A hook block with all that stays with it when a load is released, as a homogeneous box.
+
+    Attributes:
+        mass: Its mass [kg].
+        size: Its sides along the axes of the load [m], shape (3,).
+    """
+
+    mass: float
+    size: tuple[float, float, float]
+
+
+class _HungLoad(NamedTuple):
+    """A crane with its load on a rope that stretches.
+
+    Attributes:
+        crane: The crane.
+        corners: Corners of the box of the load from the centre of mass of all that hangs [m].
+        lug: Height of the lug above the centre of the box [m].
+    """
+
+    crane: Crane
+    corners: list[list[float]]
+    lug: float
+
+
+def _on_rope(
+    clearance: TowerClearance, ea: float, hook: HookBlock | None, drum_inertia: float | None
+) -> _HungLoad:
     """Return the crane with its load, a box, on a lug below a rope that stretches and reaches the
-    ground; and the sides of the box [m], shape (3,).
+    ground.
 
     The joint of the hoist gets a new link, from which the rope, the lug, the sling and at last the
     load hang. Rope and sling have the names that they have in the crane of this project.
@@ -715,8 +815,11 @@ def _on_rope(clearance: TowerClearance, ea: float) -> tuple[Crane, list[float]]:
     Args:
         clearance: Crane and site of the plan.
         ea: EA of all falls of the rope together [N].
+        hook: Hook block between rope and load; None for none.
+        drum_inertia: Mass of hoist drum and motor at the rope [kg]; None for that of the crane.
 
     Raises:
+        OutOfRange: If the hook is as heavy as hook and load.
         ModelError: If joints or links of the crane have the names of those of a rope.
     """
     crane = clearance.crane
@@ -724,8 +827,9 @@ def _on_rope(clearance: TowerClearance, ea: float) -> tuple[Crane, list[float]]:
     robot = ET.fromstring(crane.urdf)
     hook_attitude = _hook_attitude(crane, hoist)
     sides = np.ptp(clearance.bodies.load @ hook_attitude.T, axis=0).tolist()
-    drum_inertia = crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass
-    drum_inertia = float(crane.record.get("arguments", {}).get("drum_inertia", drum_inertia))
+    if drum_inertia is None:
+        drum_inertia = crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass
+        drum_inertia = float(crane.record.get("arguments", {}).get("drum_inertia", drum_inertia))
     _remove_inertia_of_load(robot, crane, hoist)
     # Cable length that puts the centre of the load on the level of the ground. The load stands on
     # the ground before, so that no lift needs a longer one.
@@ -735,22 +839,43 @@ def _on_rope(clearance: TowerClearance, ea: float) -> tuple[Crane, list[float]]:
     rope = ET.fromstring(
         _ROPE.format(ea=ea, damping=ROPE_DAMPING, sling_damping=SLING_DAMPING, load=load)
     )
-    lug = pin.SE3(np.eye(3), np.array([0.0, 0.0, sides[2] / 2.0]))
+    lug_height = sides[2] / 2.0 + (0.0 if hook is None else hook.size[2])
+    lug = pin.SE3(np.eye(3), np.array([0.0, 0.0, lug_height]))
     # The axes of rope and sling are those of the world, as in the crane of this project. The turn
     # of the hook is taken back before them, and made again after them for the shapes of the load.
     stretch_joint = _named(rope, "joint", "rope_stretch_joint")
     set_placement(stretch_joint, pin.SE3(hook_attitude.T, np.zeros(3)))
     load_joint = _named(rope, "joint", "load_joint")
     set_placement(load_joint, lug.inverse() * pin.SE3(hook_attitude, np.zeros(3)))
-    box = pin.Inertia.FromBox(crane.payload_mass, *sides)
+    hung = _inertia_of_all(crane.payload_mass, sides, hook)
     payload_link = _named(rope, "link", "payload_link")
-    payload_link.append(inertial_element(lug.actInv(box)))
+    payload_link.append(inertial_element(lug.actInv(hung)))
     robot.extend(rope)
 
     record = {**crane.record, "payload": "sling_tangential_joint"}
     record.pop("arguments", None)
     record["urdf"] = ET.tostring(robot, encoding="unicode")
-    return load_crane(from_record={"crane": record}), sides
+    corners = np.array(box_corners(*sides)) - hung.lever
+    return _HungLoad(load_crane(from_record={"crane": record}), corners.tolist(), lug_height)
+
+
+def _inertia_of_all(mass: float, sides: Sequence[float], hook: HookBlock | None) -> pin.Inertia:
+    """Return the inertia of load and hook about the centre of the load.
+
+    Args:
+        mass: Mass of load and hook [kg].
+        sides: Sides of the load [m].
+        hook: The hook, which stands on the load; None for a load alone.
+
+    Raises:
+        OutOfRange: If the hook is as heavy as both.
+    """
+    if hook is None:
+        return pin.Inertia.FromBox(mass, *sides)
+    number("mass of the hook", hook.mass, "kg", f"0 to {mass:g}")
+    load = pin.Inertia.FromBox(mass - hook.mass, *sides)
+    place = pin.SE3(np.eye(3), np.array([0.0, 0.0, (sides[2] + hook.size[2]) / 2.0]))
+    return load + place.act(pin.Inertia.FromBox(hook.mass, *hook.size))
 
 
 def _named(robot: ET.Element, kind: str, name: str) -> ET.Element:
@@ -834,7 +959,7 @@ _ROPE = """<robot>
 """Rope that stretches, and load on a lug below it, in axes of the world."""
 
 
-def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
+def _largest_pull(crane: Crane, motion: Motion, rows: slice, lug: float) -> float:
     """Return an upper bound of the tension over the weight in rows that begin where the load leaves
     the ground, for a hoist that follows its motion and small strains.
 
@@ -860,13 +985,14 @@ def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
         crane: The crane with a rope that stretches.
         motion: Motion of the crane of the plan.
         rows: Its rows.
+        lug: Height of the lug above the centre of the load [m].
     """
     rope = crane.springs.rope
     assert rope is not None
     mass = crane.payload_mass
     hoist = motion.drives[2]
     a = -motion.a[rows, hoist]
-    lengths = motion.q[rows, hoist] - _lug(crane)
+    lengths = motion.q[rows, hoist] - lug
     omega = theory.rope_bounce(float(rope.stiffness), float(lengths.min()), mass)
     damping_ratio = min(ROPE_DAMPING / (2.0 * mass * omega), _MAX_DAMPING_RATIO)
     picked_up = theory.pickup_factor(
@@ -877,18 +1003,13 @@ def _largest_pull(crane: Crane, motion: Motion, rows: slice) -> float:
     return picked_up + stiffening * float(change.max()) / crane.gravity
 
 
-def _lug(crane: Crane) -> float:
-    """Return the height of the lug above the centre of the load [m]."""
-    return -float(crane.payload.lever[2])
-
-
-def _below(crane: Crane, drives: np.ndarray) -> State:
+def _below(crane: Crane, drives: np.ndarray, lug: float) -> State:
     """Return the state in which the load is below the trolley, at a place of the plan."""
     q = np.zeros(crane.layout.n)
-    q[crane.layout.drives] = drives - [0.0, 0.0, _lug(crane)]
+    q[crane.layout.drives] = drives - [0.0, 0.0, lug]
     return State(q, 0.0 * q)
 
 
-def _standing(crane: Crane, ground: Ground, drives: np.ndarray) -> State:
+def _standing(crane: Crane, ground: Ground, drives: np.ndarray, lug: float) -> State:
     """Return the state in which the load stands below the trolley, at a place of the plan."""
-    return standing(crane, ground, _below(crane, drives))
+    return standing(crane, ground, _below(crane, drives, lug))

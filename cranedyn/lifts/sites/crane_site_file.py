@@ -22,7 +22,7 @@ from cranedyn.lifts.planning.site_file import (
     read_fields,
     solids_of,
 )
-from cranedyn.lifts.planning.site_table import SiteTable, crane_values, names_of
+from cranedyn.lifts.planning.site_table import FieldLines, SiteTable, crane_values, names_of
 from cranedyn.lifts.sites.brakes import REACTION, Brakes, brakes
 from cranedyn.lifts.sites.crane_site import DISTANCE, SWING, CraneSite, Station, check_names
 from cranedyn.lifts.sites.guard import gentle
@@ -65,6 +65,9 @@ _FIELDS = (
 )
 """Fields of a crane."""
 
+SITE_FIELDS = ("ground", "distance", "swing", "wind", "hooking", "crane", *SOLIDS)
+"""Fields and tables of a site beside its name and the lifts of a shift."""
+
 _LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after")
 """Fields of a lift."""
 
@@ -97,8 +100,20 @@ def read_crane_site(path: str | Path) -> CraneSite:
         UnknownName: If there is no file and no example of that name.
     """
     path = example_path(path, SITES, (*EXAMPLES, *SHIFT_EXAMPLES), "site")
-    fields = ["ground", "distance", "swing", "wind", "hooking", "crane", "lift", *SOLIDS]
-    top, lines = read_fields(path, fields)
+    top, lines = read_fields(path, [*SITE_FIELDS, "lift"])
+    return crane_site_of(top, lines)
+
+
+def crane_site_of(top: SiteTable, lines: FieldLines) -> CraneSite:
+    """Return the site of a file that may have further tables, such as a load of two cranes.
+
+    Args:
+        top: The whole of the file.
+        lines: Lines of all its fields.
+
+    Raises:
+        DataError: As `read_crane_site`.
+    """
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))
     entries = top.tables("crane", _FIELDS, lines)
@@ -113,7 +128,7 @@ def read_crane_site(path: str | Path) -> CraneSite:
     swing = top.angle("swing", SWING, "0.1 to 28")
     wind = _working_wind(top, lines)
     entered = frozenset({"distance", "swing", "wind"} & top.values.keys())
-    name = top.text("name", path.stem)
+    name = top.text("name", top.path.stem)
 
     # The site is made of one crane, of two, and so on: the crane with which that fails first is the
     # one whose line the error names.
@@ -188,7 +203,7 @@ def _blamed_on(entry: SiteTable, field: str) -> Iterator[None]:
         entry.fail(field, error)
 
 
-def _working_wind(top: SiteTable, lines: dict[tuple[str, int], dict[str, int]]) -> WorkingWind:
+def _working_wind(top: SiteTable, lines: FieldLines) -> WorkingWind:
     """Return the wind that the file enters, or none at all."""
     if "wind" not in top.values:
         return CALM

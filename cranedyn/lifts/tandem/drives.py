@@ -84,6 +84,44 @@ class DriveMotion:
         """Time from which on the drives stand [s]."""
         return float(self.t[-1]) + self.delay
 
+    def intervals(self, t: np.ndarray) -> np.ndarray:
+        """Return bounds of the positions between successive times [s], shape (k - 1, 2, m): the
+        lower and the upper end.
+
+        Between two times h apart, a motion with accelerations of no more than A leaves the interval
+        of its ends by no more than A h²/8. Where the table begins or ends with a rate v, the drive
+        is held there at once, which adds no more than v h.
+        """
+        position = self.at(t).position
+        step = np.diff(t)[:, None]
+        jumps = np.abs(self.rate[[0, -1]]).max(axis=0)
+        beyond = self._largest_acceleration * step**2 / 8.0 + jumps * step
+        low = np.minimum(position[:-1], position[1:]) - beyond
+        high = np.maximum(position[:-1], position[1:]) + beyond
+        return np.stack([low, high], axis=1)
+
+    @cached_property
+    def _largest_acceleration(self) -> np.ndarray:
+        """Largest acceleration of each drive [rad/s² or m/s²], shape (m,). Between two rows of the
+        table it changes linearly, so that it is largest at one of them.
+        """
+        cubic, square, *_ = self._spline.c
+        begin = 2.0 * square
+        end = begin + 6.0 * cubic * np.diff(self.t)[:, None]
+        return np.maximum(np.abs(begin), np.abs(end)).max(axis=0)
+
+    def after(self, earlier: DriveMotion) -> DriveMotion:
+        """Return a motion that ends where and when this one begins, followed by this one.
+
+        Args:
+            earlier: The motion before it, whose last position is the first one of this motion.
+        """
+        return DriveMotion(
+            np.concatenate([earlier.t, earlier.t[-1] + self.t[1:] - self.t[0]]),
+            np.concatenate([earlier.position, self.position[1:]]),
+            np.concatenate([earlier.rate, self.rate[1:]]),
+        )
+
     def stopped(self, drive: int, time: float, deceleration: float) -> DriveMotion:
         """Return the motion of which one drive brakes at a time, and then stands.
 

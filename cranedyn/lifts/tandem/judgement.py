@@ -62,10 +62,40 @@ def judge_tandem(
         checks += [_share_check(run, crane, rated), _chart_check(run, crane, rated)]
     checks += [_taut_check(run), _inclination_check(run, requirements)]
     checks += _distance_checks(run, requirements)
-    if any(not solid.zone for solid in run.lift.site.solids):
-        checks.append(Check("Distances of a tandem lift from obstacles are not computed.", None))
-    checks.append(Check("Wind on the load and the efforts of the drives are not computed.", None))
+    others = [
+        station.name for station in run.lift.site.stations if station.name not in run.lift.names
+    ]
+    if others:
+        named = ", ".join(others)
+        checks.append(Check(f"Distances from the other cranes, {named}, are not computed.", None))
+    checks.append(_wind_check(run))
+    checks += [_hoist_check(run, crane) for crane in range(2)]
+    checks.append(Check("Efforts of the drives other than the hoists are not computed.", None))
     return checks
+
+
+def _wind_check(run: TandemRun) -> Check:
+    """Return whether the lift was simulated in the wind; what it does is in all other checks."""
+    if run.wind is None:
+        return Check("The lift is simulated in calm air; nobody entered a wind.", None)
+    strongest = float(np.abs(run["wind_m_s"]).max())
+    towards = math.degrees(run.wind.direction)
+    return Check(
+        f"All of this is in a wind of up to {strongest:.1f} m/s that blows at {towards:g}° "
+        f"from X towards Y, with a drag coefficient of {run.wind.drag:g}.",
+        True,
+    )
+
+
+def _hoist_check(run: TandemRun, crane: int) -> Check:
+    """Return whether the hoist of a crane holds the pull of its rope."""
+    station = run.lift.stations[crane]
+    peak = float(run.tensions[:, crane].max())
+    limit = float(station.crane.effort_limit[station.crane.winch])
+    sentence = f"{station.name}: its hoist holds {peak / 1e3:.1f} kN at most"
+    if not math.isfinite(limit):
+        return Check(f"{sentence}; its description has no limit.", None)
+    return Check(f"{sentence}, of {limit / 1e3:.1f} kN that it can.", peak <= limit)
 
 
 def _share_check(run: TandemRun, crane: int, rated: float | str) -> Check:
@@ -135,7 +165,7 @@ def _inclination_check(run: TandemRun, requirements: TandemRequirements) -> Chec
 
 
 def _distance_checks(run: TandemRun, requirements: TandemRequirements) -> Sequence[Check]:
-    """Return whether nothing comes nearer than required, at the recorded rows."""
+    """Return whether nothing comes nearer than required, at the recorded rows and between them."""
     site = run.lift.site
     required = requirements.distance
     if required is None and "distance" in site.entered:
@@ -144,10 +174,14 @@ def _distance_checks(run: TandemRun, requirements: TandemRequirements) -> Sequen
     for found in tandem_distances(run):
         sentence = (
             f"Between {found.between} there are {found.distance:.2f} m at least, at {found.t:.1f} s"
+            f", and {found.proven:.2f} m are proven between all instants"
         )
         if required is None:
             checks.append(Check(f"{sentence}; nobody entered what is required.", None))
-        else:
-            kept = found.distance >= required
-            checks.append(Check(f"{sentence}, required are {required:g} m.", kept))
+            continue
+        least = found.required(required)
+        missing = math.ceil(100.0 * (least - found.proven)) / 100.0
+        remark = f": {missing:g} m are missing" if missing > 0.0 else ""
+        sentence = f"{sentence}, required are {least:g} m{remark}."
+        checks.append(Check(sentence, found.proven >= least))
     return checks

@@ -1,5 +1,5 @@
-"""Plan of a tandem lift: the load moves along a line with a constant heading, and the drives of
-both cranes so that it does not swing.
+"""Plan of a tandem lift: the load moves along straight lines with a constant heading, and the
+drives of both cranes so that it does not swing.
 
 Where a load accelerates, both ropes lean by the same angle: each pulls along the direction n of
 r̈ - g, with the acceleration r̈ of the load and gravity g. So the pivot of each crane is on the line
@@ -17,6 +17,7 @@ derivatives of zero, so that the drives begin and end at rest.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -127,6 +128,9 @@ class TandemPlan(NamedTuple):
         yaw: Angle of the load's X axis from that of the site [rad].
         duration: Duration of the motion [s].
         largest_lean: Largest angle of the ropes from plumb [rad].
+        via: Places between start and goal at which the load stands still for a moment [m], shape
+            (k, 3).
+        poses: Where the load is over time.
     """
 
     lift: TandemLift
@@ -136,6 +140,22 @@ class TandemPlan(NamedTuple):
     yaw: float
     duration: float
     largest_lean: float
+    via: np.ndarray
+    poses: PlannedPoses
+
+
+class PlannedPoses(NamedTuple):
+    """Where the load of a plan is over time.
+
+    Attributes:
+        t: Times [s], shape (rows,).
+        centres: Places of the centre of mass in the frame of the site [m], shape (rows, 3).
+        rotations: Rotations from the axes of the load to those of the site, one for each row.
+    """
+
+    t: np.ndarray
+    centres: np.ndarray
+    rotations: Rotation
 
 
 def plan_tandem(
@@ -144,24 +164,39 @@ def plan_tandem(
     goal: Sequence[float],
     *,
     yaw: float = 0.0,
+    via: Sequence[Sequence[float]] = (),
     duration: float | None = None,
 ) -> TandemPlan:
-    """Return the motion of a load along a straight line, without swing and without turning.
+    """Return the motion of a load along straight lines, without swing and without turning.
 
     Args:
         lift: The lift.
         start: Place of the centre of mass at the start in the frame of the site [m].
         goal: Its place at the end [m].
         yaw: Angle of the load's X axis from that of the site [rad]; the load is level.
-        duration: Duration [s]; None for the shortest in which the drives keep their limits.
+        via: Places between them at which the load stands still for a moment [m]; none for one
+            straight line. `cranedyn.lifts.tandem.way` finds those that lead over obstacles.
+        duration: Duration of one straight line [s]; None for the shortest in which the drives keep
+            their limits, as it is with `via`.
 
     Raises:
-        OutOfRange: If a number is not finite, or the duration too short for the drives.
+        OutOfRange: If a number is not finite, the duration is too short for the drives, or it is
+            given beside `via`.
         CraneError: If a crane does not reach its lug, with the crane and the place.
     """
     begin = finite("start of the load", start, (3,), unit="m")
     end = finite("goal of the load", goal, (3,), unit="m")
     number("yaw of the load", yaw, "rad")
+    points = finite("places between start and goal", np.reshape(via, (-1, 3)), ("k", 3), unit="m")
+    if len(points):
+        if duration is not None:
+            allowed = "None where the way has places between start and goal"
+            raise OutOfRange("duration of a tandem lift", f"{duration:g}", allowed, "s")
+        corners = np.vstack([begin, points, end])
+        legs = []
+        for first, last in itertools.pairwise(corners):
+            legs.append(plan_tandem(lift, first, last, yaw=yaw))
+        return _one_after_another(legs)
     shortest = _shortest_duration(float(np.linalg.norm(end - begin)), lift.gravity)
     if duration is not None:
         number("duration of a tandem lift", duration, "s")
@@ -187,6 +222,31 @@ def plan_tandem(
         # the accelerations, too; the last steps are therefore small.
         seconds *= max(trial.rate_excess, math.sqrt(trial.acceleration_excess), 1.001)
     raise CraneError("No duration was found in which the drives of both cranes keep their limits.")
+
+
+def _one_after_another(legs: Sequence[TandemPlan]) -> TandemPlan:
+    """Return several plans, each of which begins where the one before ends, as one."""
+    first, *others = legs
+    motions = list(first.drives)
+    duration = first.duration
+    t = [first.poses.t]
+    for leg in others:
+        motions = [motion.after(sooner) for motion, sooner in zip(leg.drives, motions, strict=True)]
+        t.append(duration + leg.poses.t)
+        duration += leg.duration
+    poses = PlannedPoses(
+        np.concatenate(t),
+        np.concatenate([leg.poses.centres for leg in legs]),
+        Rotation.concatenate([leg.poses.rotations for leg in legs]),
+    )
+    return first._replace(
+        drives=TandemDrives(motions[0], motions[1]),
+        goal=legs[-1].goal,
+        duration=duration,
+        largest_lean=max(leg.largest_lean for leg in legs),
+        via=np.array([leg.start for leg in others]),
+        poses=poses,
+    )
 
 
 def _shortest_duration(distance: float, gravity: float) -> float:
@@ -218,12 +278,14 @@ class _Motions(NamedTuple):
         rate_excess: Largest rate over its limit.
         acceleration_excess: Largest acceleration over its limit.
         largest_lean: Largest angle of the ropes from plumb [rad].
+        poses: Where the load is.
     """
 
     drives: TandemDrives
     rate_excess: float
     acceleration_excess: float
     largest_lean: float
+    poses: PlannedPoses
 
     @property
     def excess(self) -> float:
@@ -240,8 +302,17 @@ def _plan(
     motions: _Motions,
 ) -> TandemPlan:
     """Return a plan of its parts."""
-    lean = motions.largest_lean
-    return TandemPlan(lift, motions.drives, start, goal, yaw, duration, lean)
+    return TandemPlan(
+        lift=lift,
+        drives=motions.drives,
+        start=start,
+        goal=goal,
+        yaw=yaw,
+        duration=duration,
+        largest_lean=motions.largest_lean,
+        via=np.zeros((0, 3)),
+        poses=motions.poses,
+    )
 
 
 def _motions(
@@ -277,7 +348,8 @@ def _motions(
         ratio = np.abs(spline(t, 2)) / limits.accelerations
         acceleration_excess = max(acceleration_excess, float(ratio.max()))
     drives = TandemDrives(motions[0], motions[1])
-    return _Motions(drives, rate_excess, acceleration_excess, lean)
+    poses = PlannedPoses(t, centre, leaning.rotations)
+    return _Motions(drives, rate_excess, acceleration_excess, lean, poses)
 
 
 class _LeaningLugs(NamedTuple):
@@ -286,10 +358,12 @@ class _LeaningLugs(NamedTuple):
     Attributes:
         places: Places from the centre of mass along the axes of the site [m], shape (rows, 2, 3).
         shares: Shares of the tension, shape (rows, 2).
+        rotations: Rotations from the axes of the load to those of the site, one for each row.
     """
 
     places: np.ndarray
     shares: np.ndarray
+    rotations: Rotation
 
 
 def _leaning_lugs(load: TandemLoad, yaw: float, direction: np.ndarray) -> _LeaningLugs:
@@ -305,7 +379,7 @@ def _leaning_lugs(load: TandemLoad, yaw: float, direction: np.ndarray) -> _Leani
     turns = Rotation.from_rotvec(-angle[:, None] * line)
     places = np.stack([turns.apply(lug) for lug in lugs], axis=1)
     shares = np.array([static_shares(load, tilt) for tilt in np.arcsin(along)])
-    return _LeaningLugs(places, shares)
+    return _LeaningLugs(places, shares, turns * Rotation.from_euler("z", yaw))
 
 
 def _drive_positions(

@@ -8,11 +8,12 @@ import numpy as np
 
 from cranedyn.lifts.tandem.clearance import rope_ends
 from cranedyn.lifts.tandem.simulation import TandemRun
+from cranedyn.recording.contents import Obstacle
 from cranedyn.recording.postures import MovingBox, MovingLine, PosedCrane, record_postures
 
 
 def record_tandem(path: str | Path, run: TandemRun, *, title: str = "Tandem lift") -> Path:
-    """Write a run as a recording for the viewer.
+    """Write a run with the obstacles of its site as a recording for the viewer.
 
     The hooks of the cranes and the loads that their descriptions show are left out: instead a line
     goes from each pivot to its lug.
@@ -51,6 +52,10 @@ def record_tandem(path: str | Path, run: TandemRun, *, title: str = "Tandem lift
         cranes,
         [beam],
         ropes,
+        obstacles=[
+            Obstacle(solid.name, solid.vertices, solid.triangles, solid.zone)
+            for solid in run.lift.site.solids
+        ],
         curves={"Tension of the ropes [N]": tensions, "Tilt of the load [°]": angles},
         title=title,
         text="Lines from the jibs to the load: the ropes. Grid: 5 m.",

@@ -2,15 +2,15 @@
 
 The drives follow their motions exactly, as with ``drive="motion"`` of
 `cranedyn.simulation.simulate.simulate`. So the pivots of both ropes move as prescribed, and the
-load is the only body whose motion is computed: a free body under its weight and the pulls of two
-ropes. What the cranes feel of it are the forces of the ropes, which the run records.
+load is the only body whose motion is computed: a free body under its weight, the pulls of two
+ropes and the wind. What the cranes feel of it are the forces of the ropes, which the run records.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -24,6 +24,7 @@ from cranedyn.data.time_series import ColumnSeries
 from cranedyn.errors import OutOfRange, RunError
 from cranedyn.lifts.tandem.drives import TandemDrives
 from cranedyn.lifts.tandem.load import RopeForce
+from cranedyn.lifts.tandem.load_wind import LoadWind, WindOnLoad
 from cranedyn.lifts.tandem.plan import TandemLift, TandemPlan
 
 _TIME_AFTER = 10.0
@@ -53,14 +54,18 @@ class TandemRun(ColumnSeries):
     `yaw_rad`, `pitch_rad`, `roll_rad`, rotations about the vertical and then about Y and X of the
     load; for each crane `NAME_tension_N`, `NAME_inclination_rad` of its rope from plumb,
     `NAME_pivot_x_m` and so on, and `NAME_DRIVE` with the unit of the drive; `energy_J`, kinetic, of
-    gravity and of the stretch, `input_J`, what the cranes have put in, and `loss_J`, what damping
-    has dissipated.
+    gravity and of the stretch, `input_J`, what the cranes have put in, `wind_J`, what the wind has
+    put in, and `loss_J`, what damping has dissipated; `wind_m_s`, the wind; `travel_m`, an upper
+    bound of the path of any point of the load and of its lugs since the start, which tells how far
+    they may have been from where they are in the rows.
 
     Attributes:
         t: Time [s], shape (rows,).
         values: Columns by name, shape (rows,) each.
         lift: The lift.
         start: Where the load was at the start.
+        drives: How the drives moved.
+        wind: The wind; None for calm air.
         parameters: Numbers of the run.
         record: What else belongs to it.
     """
@@ -69,6 +74,8 @@ class TandemRun(ColumnSeries):
     values: Mapping[str, np.ndarray]
     lift: TandemLift
     start: LoadPose
+    drives: TandemDrives
+    wind: LoadWind | None = None
     parameters: Mapping[str, float | str] = field(default_factory=dict)
     record: Mapping[str, Any] = field(default_factory=dict)
 
@@ -106,6 +113,11 @@ class TandemRun(ColumnSeries):
         columns = [f"{joint.symbol}_{joint.unit}" for joint in station.crane.layout.driven]
         return np.stack([self[f"{station.name}_{column}"] for column in columns], axis=1)
 
+    def rows(self, rows: slice) -> TandemRun:
+        """Return some successive rows."""
+        values = {name: column[rows] for name, column in self.values.items()}
+        return replace(self, t=self.t[rows], values=values)
+
     def _points(self, name: str) -> np.ndarray:
         """Return the points whose three columns begin with a name [m], shape (rows, 3)."""
         return np.stack([self[f"{name}_{axis}_m"] for axis in "xyz"], axis=1)
@@ -130,6 +142,7 @@ def simulate_tandem(
     duration: float | None = None,
     dt: float = 5e-4,
     period: float = 0.02,
+    wind: LoadWind | None = None,
 ) -> TandemRun:
     """Simulate the load of a tandem lift.
 
@@ -143,6 +156,7 @@ def simulate_tandem(
         duration: Duration [s]; None for until all drives stand, and 10 s more.
         dt: Physics step [s].
         period: Time between recorded rows [s].
+        wind: Wind on the load; None for calm air without resistance.
 
     Raises:
         OutOfRange: If a number is out of range.
@@ -165,27 +179,82 @@ def simulate_tandem(
     v = np.zeros(model.nv)
     ropes = _Ropes(lift, motions, dt * np.arange(clock.periods * clock.steps + 1))
     damping = np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]) * lift.load.damping
+    extent = _extent(lift)
     rows: list[_Row] = []
-    energy_input = 0.0
-    energy_loss = 0.0
+    energy = _EnergyFlow(0.0, 0.0, 0.0)
+    travel = 0.0
     for k in range(clock.periods * clock.steps + 1):
         rotation = pin.Quaternion(q[3:]).toRotationMatrix()
         pulls = ropes.pulls(k, q[:3], rotation, v)
         if k % clock.steps == 0:
-            rows.append(_Row(k, q, v, pulls, energy_input, energy_loss))
+            rows.append(_Row(k, q, v, pulls, energy, travel))
             if not np.abs(v).max() < _DIVERGED:  # also where it is no number
                 raise RunError(
                     f"The load of the tandem lift moves without bounds at {k * dt:.3f} s.",
                     t=k * dt,
-                    trajectory=_run(lift, rows, ropes, dt),
+                    trajectory=_run(lift, rows, ropes, dt, wind),
                 )
-        on_load = ropes.force_on_load(rotation, pulls)
+        blown = None if wind is None else wind.on(lift.load, k * dt, rotation, v)
+        on_load = ropes.force_on_load(rotation, pulls, blown)
         a = pin.aba(model, data, q, v, -damping * v, on_load)
-        energy_input += dt * sum(pull.input for pull in pulls)
-        energy_loss += dt * (sum(pull.loss for pull in pulls) + float(v @ (damping * v)))
+        energy = _EnergyFlow(
+            input=energy.input + dt * sum(pull.input for pull in pulls),
+            wind=energy.wind + (0.0 if blown is None else dt * blown.power),
+            loss=energy.loss + dt * (sum(pull.loss for pull in pulls) + float(v @ (damping * v))),
+        )
         v = v + dt * a
+        # The step moves the load with constant rates, so that no point goes farther than this.
+        travel += dt * (math.hypot(*v[:3]) + extent * math.hypot(*v[3:]))
         q = pin.integrate(model, q, dt * v)
-    return _run(lift, rows, ropes, dt)
+    return _run(lift, rows, ropes, dt, wind)
+
+
+def _extent(lift: TandemLift) -> float:
+    """Return the largest distance of a point of load or lugs from the centre of mass [m]."""
+    corner = np.array(lift.load.size, dtype=float) / 2.0
+    lugs = np.array(lift.load.lugs, dtype=float)
+    return float(max(np.linalg.norm(corner), np.linalg.norm(lugs, axis=1).max()))
+
+
+def planned_run(plan: TandemPlan) -> TandemRun:
+    """Return a plan as a run whose load is where the plan has it, at the instants of the plan.
+
+    It has the columns of places, attitudes and drives, and neither tensions nor energies. Its
+    bound of the path is that of a load that moves along its line and turns at constant rates
+    between two instants.
+    """
+    lift = plan.lift
+    poses = plan.poses
+    angles = poses.rotations.as_euler("xyz")
+    values = {f"load_{axis}_m": poses.centres[:, i] for i, axis in enumerate("xyz")}
+    values |= {name: angles[:, i] for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
+    for name, station, motion in zip(lift.names, lift.stations, plan.drives, strict=True):
+        position = motion.at(poses.t).position
+        q, _ = station.plumb(position)
+        pivot = station.rope(q).pivot
+        for j, axis in enumerate("xyz"):
+            values[f"{name}_pivot_{axis}_m"] = pivot[:, j]
+        for j, joint in enumerate(station.crane.layout.driven):
+            values[f"{name}_{joint.symbol}_{joint.unit}"] = position[:, j]
+    moved = np.linalg.norm(np.diff(poses.centres, axis=0), axis=1)
+    turned = (poses.rotations[:-1].inv() * poses.rotations[1:]).magnitude()
+    values["travel_m"] = np.concatenate([[0.0], np.cumsum(moved + _extent(lift) * turned)])
+    start = LoadPose(poses.centres[0], poses.rotations[0])
+    return TandemRun(poses.t, values, lift, start, plan.drives)
+
+
+class _EnergyFlow(NamedTuple):
+    """Energies since the start [J].
+
+    Attributes:
+        input: What the cranes have put in.
+        wind: What the wind has put in.
+        loss: What damping has dissipated.
+    """
+
+    input: float
+    wind: float
+    loss: float
 
 
 class _Row(NamedTuple):
@@ -196,28 +265,30 @@ class _Row(NamedTuple):
         q: Place of the load and its rotation as a quaternion x, y, z, w, shape (7,).
         v: Its velocity and its angular velocity, along its axes, shape (6,).
         pulls: What both ropes do.
-        input: Energy that the cranes have put in so far [J].
-        loss: Energy that damping has dissipated so far [J].
+        energy: Energies that went in and out so far.
+        travel: Upper bound of the path of any point of the load so far [m].
     """
 
     step: int
     q: np.ndarray
     v: np.ndarray
     pulls: list[RopeForce]
-    input: float
-    loss: float
+    energy: _EnergyFlow
+    travel: float
 
 
 class _Ropes:
     """Both ropes during a run, whose pivots and lengths the drives prescribe.
 
     Attributes:
+        motions: Motions of the drives of both cranes.
         positions: Positions of the drives of both cranes at each physics step, shape (steps, m).
         pivots: Places of both pivots [m], shape (steps, 3).
     """
 
     def __init__(self, lift: TandemLift, motions: TandemDrives, t: np.ndarray) -> None:
         """Compute where pivots and winches are at the times of all physics steps [s]."""
+        self.motions = motions
         self._rope = lift.rope
         self._lugs = np.array(lift.load.lugs, dtype=float)
         # Matrices of the product lug ×, which takes less time than a cross product of NumPy.
@@ -265,12 +336,16 @@ class _Ropes:
             )
         return pulls
 
-    def force_on_load(self, rotation: np.ndarray, pulls: Sequence[RopeForce]) -> pin.StdVec_Force:
-        """Return the pulls as forces on the bodies of the model, along the axes of the load.
+    def force_on_load(
+        self, rotation: np.ndarray, pulls: Sequence[RopeForce], blown: WindOnLoad | None
+    ) -> pin.StdVec_Force:
+        """Return what acts on the load as forces on the bodies of the model, along the axes of the
+        load.
 
         Args:
             rotation: Rotation from the axes of the load to those of the site, shape (3, 3).
             pulls: What both ropes do.
+            blown: What the wind does; None for calm air.
         """
         force = np.zeros(3)
         torque = np.zeros(3)
@@ -278,13 +353,18 @@ class _Ropes:
             local = rotation.T @ pull.force
             force += local
             torque += cross @ local
+        if blown is not None:
+            force += blown.force
+            torque += blown.torque
         on_bodies = pin.StdVec_Force()
         on_bodies.append(pin.Force.Zero())  # on the world
         on_bodies.append(pin.Force(force, torque))
         return on_bodies
 
 
-def _run(lift: TandemLift, rows: Sequence[_Row], ropes: _Ropes, dt: float) -> TandemRun:
+def _run(
+    lift: TandemLift, rows: Sequence[_Row], ropes: _Ropes, dt: float, wind: LoadWind | None
+) -> TandemRun:
     """Return the recorded rows as a run."""
     steps = np.array([row.step for row in rows])
     q = np.array([row.q for row in rows])
@@ -301,11 +381,15 @@ def _run(lift: TandemLift, rows: Sequence[_Row], ropes: _Ropes, dt: float) -> Ta
         for j, joint in enumerate(station.crane.layout.driven):
             values[f"{name}_{joint.symbol}_{joint.unit}"] = ropes.positions[i][steps, j]
     values["energy_J"] = np.array([_energy(lift, row) for row in rows])
-    values["input_J"] = np.array([row.input for row in rows])
-    values["loss_J"] = np.array([row.loss for row in rows])
+    for name in _EnergyFlow._fields:
+        values[f"{name}_J"] = np.array([getattr(row.energy, name) for row in rows])
+    t = dt * steps
+    speeds = [0.0 if wind is None else wind.speed(time) for time in t.tolist()]
+    values["wind_m_s"] = np.array(speeds)
+    values["travel_m"] = np.array([row.travel for row in rows])
     parameters = {"dt_s": dt, "mass_kg": lift.load.mass, "gravity_m_s2": lift.gravity}
     start = LoadPose(rows[0].q[:3], Rotation.from_quat(rows[0].q[3:]))
-    return TandemRun(dt * steps, values, lift, start, parameters)
+    return TandemRun(t, values, lift, start, ropes.motions, wind, parameters)
 
 
 def _energy(lift: TandemLift, row: _Row) -> float:

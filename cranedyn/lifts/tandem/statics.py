@@ -1,4 +1,6 @@
-"""Shares of a load on two plumb ropes, in closed form."""
+"""Shares of a load on two plumb ropes, its lean in a steady wind, and its frequencies, in closed
+form.
+"""
 
 from __future__ import annotations
 
@@ -6,7 +8,12 @@ import math
 
 import numpy as np
 
+from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.lifts.tandem.load import TandemLoad
+from cranedyn.lifts.tandem.load_wind import DRAG_COEFFICIENT
+
+_FIXED_POINT_STEPS = 50
+"""Steps to a lean that no longer changes; each makes the error ten times less and better."""
 
 
 def static_shares(load: TandemLoad, tilt: float = 0.0) -> np.ndarray:
@@ -29,6 +36,34 @@ def static_shares(load: TandemLoad, tilt: float = 0.0) -> np.ndarray:
     horizontal = along * math.cos(tilt) - lugs[:, 2] * math.sin(tilt)
     first, second = horizontal.tolist()
     return np.array([second, -first]) / (second - first)
+
+
+def lean_in_wind(
+    load: TandemLoad, speed: float, gravity: float, drag: float = DRAG_COEFFICIENT
+) -> float:
+    """Return the lean of a load and of its ropes in a steady wind across the line of its lugs
+    [rad].
+
+    The wind pushes with F = ½ ρ c (A_s cos β + A_t sin β) v², with the areas A_s of the side and
+    A_t of the top that it meets, and both ropes lean along F and the weight: tan β = F/(m g). The
+    load leans with them, since all forces go through its centre of mass, but for the wind on
+    faces that are not plumb above it, which is of second order in β. So the load drifts by
+    (L + h) sin β on ropes of the length L, with its lugs at h above the centre of mass.
+
+    Args:
+        load: The load; its X axis is along the line of its lugs.
+        speed: Speed of the wind [m/s].
+        gravity: Gravity [m/s²].
+        drag: Drag coefficient c.
+    """
+    length, width, height = (float(side) for side in load.size)
+    pressure = 0.5 * AIR_DENSITY * drag * speed**2
+    lean = 0.0
+    # A fixed point: the right side changes with the lean by F/(m g), which is far below 1.
+    for _ in range(_FIXED_POINT_STEPS):
+        area = length * (height * math.cos(lean) + width * math.sin(lean))
+        lean = math.atan(pressure * area / (load.mass * gravity))
+    return lean
 
 
 def sway_frequency(length: float, gravity: float) -> float:

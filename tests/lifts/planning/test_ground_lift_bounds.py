@@ -130,6 +130,12 @@ PROFILES: dict[str, tuple[float, Profile, float, float]] = {
 }
 
 
+def largest_pull(motion: Motion, rows: slice) -> float:
+    """The bound for the crane of these tests."""
+    lug = -float(elastic_crane().payload.lever[2])
+    return _largest_pull(elastic_crane(), motion, rows, lug)
+
+
 @pytest.mark.parametrize("name", PROFILES)
 def test_no_bounce_of_an_undamped_rope_is_above_the_bound_and_some_come_near(
     name: str, monkeypatch: pytest.MonkeyPatch
@@ -137,7 +143,7 @@ def test_no_bounce_of_an_undamped_rope_is_above_the_bound_and_some_come_near(
     monkeypatch.setattr(ground_lift, "ROPE_DAMPING", 1.0)
     speed, profile, duration, met = PROFILES[name]
     motion = lift_off(speed, profile, duration)
-    bound = _largest_pull(elastic_crane(), motion, slice(0, len(motion.q)))
+    bound = largest_pull(motion, slice(0, len(motion.q)))
     largest = bounced(motion, 1.0)
     # The rope is strained by 1e-3, which the bound neglects.
     assert met * (bound - 1.0) <= largest - 1.0 <= (1.0 + 2e-3) * (bound - 1.0)
@@ -151,12 +157,12 @@ def test_a_damped_rope_pulls_less_and_the_bound_knows_of_it_where_speed_alone_co
     for name in ("sudden acceleration", "sudden end", "sudden braking"):
         speed, profile, duration, _ = PROFILES[name]
         motion = lift_off(speed, profile, duration)
-        bound = _largest_pull(elastic_crane(), motion, slice(0, len(motion.q)))
+        bound = largest_pull(motion, slice(0, len(motion.q)))
         assert bounced(motion, damping) <= bound
     # A load picked up at a constant speed is the closed form itself, so the bound is met.
     speed, profile, duration, met = PROFILES["constant speed"]
     motion = lift_off(speed, profile, duration)
-    bound = _largest_pull(elastic_crane(), motion, slice(0, len(motion.q)))
+    bound = largest_pull(motion, slice(0, len(motion.q)))
     assert bounced(motion, damping) - 1.0 >= met * (bound - 1.0)
 
 
@@ -169,12 +175,12 @@ def test_the_bound_counts_the_rows_that_it_is_given_and_no_others() -> None:
     a[[99, 150], hoist] = -5.0
     v[[0, 99, 150], hoist] = -5.0
     around = Motion(PERIOD, still.q, v, a, still.drives)
-    assert _largest_pull(elastic_crane(), around, rows) == pytest.approx(1.0, abs=1e-12)
+    assert largest_pull(around, rows) == pytest.approx(1.0, abs=1e-12)
     a[120, hoist] = -0.5
     inside = Motion(PERIOD, still.q, v, a, still.drives)
     # It comes and goes: 0.5 m/s² twice over gravity.
     expected = 1.0 + 2.0 * 0.5 / G
-    assert _largest_pull(elastic_crane(), inside, rows) == pytest.approx(expected, rel=1e-12)
+    assert largest_pull(inside, rows) == pytest.approx(expected, rel=1e-12)
 
 
 # --- what the controller is shown and commands ----------------------------------------------------
@@ -188,7 +194,7 @@ LUG = SIDE / 2.0
 
 @cache
 def on_rope() -> Crane:
-    return _on_rope(clearance(), 2e7)[0]
+    return _on_rope(clearance(), 2e7, None, None).crane
 
 
 def grounded(controller: Any = None, motion_from: float = 0.0) -> GroundLift:
@@ -198,7 +204,7 @@ def grounded(controller: Any = None, motion_from: float = 0.0) -> GroundLift:
     ground = Ground(box_corners(SIDE, SIDE, SIDE))
     nothing: Any = SimpleNamespace()
     phases = {"lift-off": 0.0, "motion": motion_from, "set-down": 3.0}
-    return GroundLift(nothing, on_rope(), ground, motion, controller, phases)
+    return GroundLift(nothing, on_rope(), ground, motion, controller, phases, LUG)
 
 
 ANGLES = (
