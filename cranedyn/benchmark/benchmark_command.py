@@ -47,6 +47,13 @@ def _add_running(parser: Parser) -> None:
     parser.add_argument("--seconds", type=float, default=usual.seconds, metavar="S", help=text)
     text = "memory that it may take [MB]"
     parser.add_argument("--megabytes", type=float, default=usual.megabytes, metavar="M", help=text)
+    _add_trust(parser)
+
+
+def _add_trust(parser: Parser) -> None:
+    """Add the option by which a user lets a file be unpickled."""
+    text = "unpickle a policy of Stable-Baselines3, which can run any code in its file"
+    parser.add_argument("--trust", action="store_true", help=text)
 
 
 def _limits(options: argparse.Namespace) -> EntryLimits:
@@ -105,7 +112,7 @@ def _list(options: argparse.Namespace) -> int:
 
 def _configure_run(parser: Parser) -> None:
     """Run an entry in all instances of the tasks, print its scores and write its result."""
-    parser.add_argument("entry", metavar="ENTRY", help=f"{FORMS}; a file of Python is run")
+    parser.add_argument("entry", metavar="ENTRY", help=f"{FORMS}; its code is run")
     _add_tasks(parser)
     text = f"{PUBLIC}, or a date such as 2026-11-28 for a ranking (default: %(default)s)"
     parser.add_argument("--seeds", default=PUBLIC, metavar="SEEDS", help=text)
@@ -118,7 +125,7 @@ def _configure_run(parser: Parser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run an entry; the exit code is 1 if it took part in no task."""
     tasks = select_tasks(options.tasks)
-    source = find_entry(options.entry)
+    source = find_entry(options.entry, trusted=options.trust)
     check_seeds(options.seeds)
     limits = _limits(options)
     file = options.output or Path("out/benchmark", f"{source.name}.json")
@@ -126,7 +133,7 @@ def _run(options: argparse.Namespace) -> int:
         file.parent.mkdir(parents=True, exist_ok=True)
     # Before anything is computed, which may take minutes.
     check_writable(file)
-    check_opens(source.source, limits)
+    check_opens(source, limits)
     with bar("benchmark", len(tasks)) as progress:
         result = run_benchmark(
             tasks,
@@ -215,8 +222,9 @@ def _compare(options: argparse.Namespace) -> int:
 def _configure_verify(parser: Parser) -> None:
     """Compute a result again and say whether it is the same; exit code 1 if it is not."""
     parser.add_argument("result", type=Path, metavar="RESULT.json", help="the result")
-    text = "the entry, where its file lies elsewhere than the result says; a file of Python is run"
+    text = "the entry, where its file lies elsewhere than the result says; its code is run"
     parser.add_argument("--entry", metavar="ENTRY", help=text)
+    _add_trust(parser)
     text = "compute so many instances again; all by default"
     parser.add_argument("--sample", type=int, metavar="N", help=text)
     text = "processes that share the tasks; by default one for each processor"
@@ -233,6 +241,7 @@ def _verify(options: argparse.Namespace) -> int:
             result,
             all_tasks(),
             text=options.entry,
+            trusted=options.trust,
             sample=sample,
             jobs=options.jobs,
             progress=progress,
@@ -270,7 +279,7 @@ def _validity(options: argparse.Namespace) -> int:
     from cranedyn.benchmark.validity import VARIANTS, order_table, orders
 
     tasks = select_tasks(options.tasks)
-    entries = {text: find_entry(text) for text in options.entries}
+    entries = {text: find_entry(text, trusted=options.trust) for text in options.entries}
     by_name = {source.name: source for source in entries.values()}
     if len(by_name) == len(entries):
         # Names fit into the table better than paths, unless two are the same.

@@ -11,6 +11,7 @@ stopping the others; they are no jail for a hostile one, which may read files an
 
 from __future__ import annotations
 
+import itertools
 import json
 import os
 import resource
@@ -27,9 +28,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of, open_entry
+from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
+from cranedyn.benchmark.entry_files import EntryFiles
+from cranedyn.benchmark.entry_kinds import open_entry
+from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask, read_tasks
+from cranedyn.data.files import parse_json
 from cranedyn.errors import CraneError, format_error
 
 _FRAME = struct.Struct("<cI")
@@ -44,6 +49,9 @@ _BEGIN = b"B"
 
 _STEP = b"S"
 """Return a command for a reading."""
+
+_FILES = b"F"
+"""Return the digests of the files of the entry that were used so far."""
 
 # Letters of its answers.
 _READY = b"R"
@@ -95,17 +103,24 @@ class EntryLimits:
 class EntryProcess:
     """An entry in a process of its own, which is started again after it has ended.
 
-    One process serves all instances of a task, so that an entry may keep what it has designed for
-    the nominal crane.
+    One process serves all instances that it is given, of any tasks, so that an entry is loaded
+    once, and may keep what it has designed for a nominal crane.
+
+    Attributes:
+        files: SHA-256 of the files of the entry that its processes have used, see
+            `cranedyn.benchmark.entry_files`.
+        changed: Names of files that were no longer the same when they were used again.
     """
 
-    def __init__(self, source: str, limits: EntryLimits) -> None:
+    def __init__(self, source: EntrySource, limits: EntryLimits) -> None:
         """Name the entry; the process starts with the first instance.
 
         Args:
-            source: How it is opened, see `cranedyn.benchmark.entry_source.EntrySource`.
+            source: The entry.
             limits: What it may use.
         """
+        self.files: dict[str, str] = {}
+        self.changed: set[str] = set()
         self._source = source
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
@@ -155,6 +170,31 @@ class EntryProcess:
         return answer[:-1], float(answer[-1])
 
     def end_instance(self) -> None:
+        """Take down the files that an instance has used, and stop its clock."""
+        if self._process is not None:
+            with suppress(EntryFailed):
+                self._take_files()
+        self._stop_timer()
+
+    def _take_files(self) -> None:
+        """Ask the process for the files of the entry.
+
+        Raises:
+            EntryFailed: If it does not answer.
+        """
+        _, content = self._ask(_FILES, b"")
+        try:
+            files = parse_json(content)
+        except (ValueError, RecursionError):
+            files = None
+        if not isinstance(files, dict) or not all(isinstance(sha, str) for sha in files.values()):
+            # What answers runs code of the entry.
+            raise EntryFailed("Its process answered with what is no list of files.")
+        for name, sha in files.items():
+            if self.files.setdefault(name, sha) != sha:
+                self.changed.add(name)
+
+    def _stop_timer(self) -> None:
         """Stop the clock of an instance."""
         if self._timer is not None:
             self._timer.cancel()
@@ -162,7 +202,7 @@ class EntryProcess:
 
     def close(self) -> None:
         """End the process."""
-        self.end_instance()
+        self._stop_timer()
         process = self._process
         self._process = None
         if process is None:
@@ -191,7 +231,8 @@ class EntryProcess:
             env={**os.environ, **single},
         )
         self._start_timer()
-        settings = [self._source, self._limits.seconds, self._limits.megabytes]
+        file = None if self._source.file is None else str(self._source.file.resolve())
+        settings = [self._source.source, file, self._limits.seconds, self._limits.megabytes]
         try:
             self._ask(_OPEN, json.dumps(settings).encode())
         except EntryFailed:
@@ -201,7 +242,7 @@ class EntryProcess:
 
     def _start_timer(self) -> None:
         """Kill the process after the patience of the limits, counted from now on."""
-        self.end_instance()
+        self._stop_timer()
         self._timer = threading.Timer(self._limits.patience, self._kill_late)
         self._timer.daemon = True
         self._timer.start()
@@ -248,10 +289,13 @@ class EntryProcess:
             return EntryFailed(
                 f"It took more than {self._limits.seconds:g} s of processor time for an instance."
             )
+        if code < 0:
+            # By a signal, as where a library in C reads beside its arrays.
+            return EntryFailed(f"Its process was ended by {signal.Signals(-code).name}.")
         return EntryFailed(f"Its process ended with the exit code {code}.")
 
 
-def check_opens(source: str, limits: EntryLimits) -> None:
+def check_opens(source: EntrySource, limits: EntryLimits) -> None:
     """Check that an entry can be opened in a process of its own, before all its instances fail.
 
     Raises:
@@ -293,15 +337,20 @@ class _Side:
     def __init__(self) -> None:
         self._opened: Opened | None = None
         self._entry: Entry | None = None
+        self._files: EntryFiles | None = None
         self._seconds = 0.0
         self._drives = 0
-        self._swings = 0
+        # Where the numbers of a reading stand in a frame, see `SensorReading`.
+        self._places: list[slice] = []
 
     def answer(self, letter: bytes, content: bytes) -> tuple[bytes, bytes]:
         """Return letter and content of the answer to a request."""
         try:
             if letter == _STEP:
                 return _COMMAND, self._command(content)
+            if letter == _FILES:
+                files = {} if self._files is None else self._files.digests()
+                return _READY, json.dumps(files).encode()
             if letter == _OPEN:
                 self._open(*json.loads(content))
             else:
@@ -315,8 +364,10 @@ class _Side:
             return _ERROR, format_error(error).encode()
         return _READY, b""
 
-    def _open(self, source: str, seconds: float, megabytes: float) -> None:
+    def _open(self, source: str, file: str | None, seconds: float, megabytes: float) -> None:
         self._seconds = seconds
+        if file is not None:
+            self._files = EntryFiles(Path(file))
         size = int(1e6 * megabytes)
         # macOS knows no limit of the address space.
         with suppress(OSError, ValueError):
@@ -328,8 +379,11 @@ class _Side:
         self._limit_time()
         task = next(task for task in read_tasks(Path(file)) if task.kind == kind)
         briefing = briefing_of(task)
-        self._drives = briefing.crane.layout.m
-        self._swings = len(briefing.crane.swings)
+        m = briefing.crane.layout.m
+        s = len(briefing.crane.swings)
+        self._drives = m
+        ends = np.cumsum([1, m, m, s, s, m]).tolist()
+        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
         assert self._opened is not None
         self._entry = self._opened(briefing)
 
@@ -344,11 +398,9 @@ class _Side:
 
     def _command(self, content: bytes) -> bytes:
         numbers = np.frombuffer(content, dtype="<f8")
+        parts = [numbers[place] for place in self._places]
+        reading = SensorReading(float(numbers[0]), *parts)
         m = self._drives
-        s = self._swings
-        ends = np.cumsum([1, m, m, s, s])
-        time_part, position, rate, swing, swing_rate, operator = np.split(numbers, ends)
-        reading = SensorReading(float(time_part[0]), position, rate, swing, swing_rate, operator)
         assert self._entry is not None
         begun = time.thread_time()
         command = self._entry(reading)
