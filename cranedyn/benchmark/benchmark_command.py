@@ -13,7 +13,8 @@ from cranedyn.benchmark.score import score_table, scores, totals
 from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
 from cranedyn.checks import number, whole
 from cranedyn.command import FAILED, Parser, command_line, next_lines
-from cranedyn.data.files import check_writable
+from cranedyn.data.files import check_writable, write_text
+from cranedyn.errors import DataError
 from cranedyn.progress import bar
 
 
@@ -156,6 +157,8 @@ def _run(options: argparse.Namespace) -> int:
         words += ["--seeds", options.seeds]
     print(next_lines(verify_line, command_line(*words)))
     took_part = any(instance.status != "declined" for instance in result.instances)
+    if not took_part:
+        print(f"It takes part in none of these tasks: {result.instances[0].reason}")
     return 0 if took_part else FAILED
 
 
@@ -263,6 +266,36 @@ def _verify(options: argparse.Namespace) -> int:
     return FAILED if found.differences else 0
 
 
+# --- header ---------------------------------------------------------------------------------------
+
+
+def _configure_header(parser: Parser) -> None:
+    """Write the header crane_entry.h, by which an entry in C is made."""
+    text = "new file to write"
+    default = Path("crane_entry.h")
+    parser.add_argument("file", nargs="?", type=Path, default=default, metavar="FILE", help=text)
+    parser.set_defaults(run=_header)
+
+
+def _header(options: argparse.Namespace) -> int:
+    """Write the header; no file is overwritten.
+
+    Raises:
+        DataError: If the file exists.
+    """
+    from cranedyn.benchmark.entries.c_library import HEADER
+
+    if options.file.exists():
+        raise DataError(f"{options.file} exists; name another file, or remove it.")
+    check_writable(options.file)
+    write_text(options.file, HEADER.read_text(encoding="utf-8"))
+    print(f"Written to {options.file}.")
+    print(
+        next_lines("cc -O2 -fPIC -shared mine.c -o mine.so -lm", "cranedyn benchmark run mine.so")
+    )
+    return 0
+
+
 # --- validity and limits --------------------------------------------------------------------------
 
 
@@ -326,6 +359,7 @@ _COMMANDS: dict[str, tuple[Callable[[Parser], None], str]] = {
     "run": (_configure_run, "cranedyn benchmark run mine.py:controller --tasks tower"),
     "compare": (_configure_compare, "cranedyn benchmark compare a.json b.json"),
     "verify": (_configure_verify, "cranedyn benchmark verify mine.json --sample 10"),
+    "header": (_configure_header, "cranedyn benchmark header"),
     "validity": (_configure_validity, "cranedyn benchmark validity full_lqr mpc_goal"),
     "limits": (_configure_limits, "cranedyn benchmark limits --tasks inteco/move"),
 }

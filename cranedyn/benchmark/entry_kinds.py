@@ -22,23 +22,34 @@ class EntryKind(NamedTuple):
 
     Attributes:
         what: What such a file is, with an article.
-        module: Module whose function `open_file` opens it.
+        module: Module whose function `open_source` opens it.
+        packages: Packages whose versions a result names beside those of all entries.
     """
 
     what: str
     module: str
+    packages: tuple[str, ...] = ()
 
 
 LIBRARY = EntryKind("a shared library in C", "cranedyn.benchmark.entries.c_library")
 """A shared library in C, whatever the system calls its file."""
 
+OPCUA = EntryKind("a program on OPC UA", "cranedyn.benchmark.entries.opcua", ("asyncua",))
+"""A program that talks by OPC UA, whatever its file is called."""
+
 KINDS = {
     ".so": LIBRARY,
     ".dylib": LIBRARY,
     ".dll": LIBRARY,
-    ".fmu": EntryKind("an FMU", "cranedyn.benchmark.entries.fmu"),
-    ".onnx": EntryKind("a policy in ONNX", "cranedyn.benchmark.entries.onnx_policy"),
-    ".zip": EntryKind("a policy of Stable-Baselines3", "cranedyn.benchmark.entries.sb3_policy"),
+    ".fmu": EntryKind("an FMU", "cranedyn.benchmark.entries.fmu", ("fmpy",)),
+    ".onnx": EntryKind(
+        "a policy in ONNX", "cranedyn.benchmark.entries.onnx_policy", ("onnxruntime",)
+    ),
+    ".zip": EntryKind(
+        "a policy of Stable-Baselines3",
+        "cranedyn.benchmark.entries.sb3_policy",
+        ("stable-baselines3", "torch"),
+    ),
 }
 """Kinds of entries by the ending of their file."""
 
@@ -56,21 +67,27 @@ OPCUA_URL = "opc.tcp://"
 """Beginning of the address at which a program that the user starts talks by OPC UA."""
 
 
+def kind_of(source: str) -> EntryKind | None:
+    """Return the kind of an entry; None for functions in Python and files of matrices."""
+    if source.startswith((OPCUA_PROGRAM, OPCUA_URL)):
+        return OPCUA
+    return KINDS.get(Path(source).suffix)
+
+
 def open_entry(source: str) -> Opened:
     """Open an entry; code in it is run. For the process in which entries run.
 
     Raises:
         CraneError: If it cannot be opened.
     """
-    if source.startswith((OPCUA_PROGRAM, OPCUA_URL)):
-        return _opened_by("cranedyn.benchmark.entries.opcua", source)
+    kind = kind_of(source)
+    if kind is not None:
+        opened: Opened = import_module(kind.module).open_source(source)
+        return opened
     file, _, function = source.rpartition(":")
     if file.endswith(".py"):
         return _checked(source, load_function(Path(file), function, ("briefing",)))
-    ending = Path(source).suffix
-    if ending in KINDS:
-        return _opened_by(KINDS[ending].module, source)
-    if ending not in MATRICES:
+    if Path(source).suffix not in MATRICES:
         raise DataError(f"{quoted(source)} names no entry.")
     matrices = open_controller(source)
 
@@ -79,12 +96,6 @@ def open_entry(source: str) -> Opened:
         return briefing.entry(made.controller, briefing.motion, made.drive)
 
     return make
-
-
-def _opened_by(module: str, source: str) -> Opened:
-    """Return an entry that a module of `cranedyn.benchmark.entries` opens."""
-    opened: Opened = import_module(module).open_file(source)
-    return opened
 
 
 def _checked(source: str, function: Callable[..., object]) -> Opened:

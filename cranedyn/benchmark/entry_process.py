@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 import os
 import resource
 import signal
@@ -152,7 +153,7 @@ class EntryProcess:
 
     def command(self, reading: SensorReading) -> tuple[np.ndarray, float]:
         """Return the command for a reading, and the processor time that it took by the clock of the
-        process [s].
+        process [s]; NaN for a program elsewhere.
 
         Raises:
             EntryFailed: If there is none.
@@ -405,6 +406,8 @@ class _Side:
         begun = time.thread_time()
         command = self._entry(reading)
         taken = time.thread_time() - begun
+        if not getattr(self._entry, "is_timed", True):
+            taken = math.nan
         values = np.asarray(command, dtype=float)
         if values.shape != (m,):
             raise EntryFailed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -157,7 +158,7 @@ class _Commands:
             self.failure = failure
             raise
         # A program elsewhere has no clock of ours.
-        if seconds == seconds:
+        if not math.isnan(seconds):
             self.seconds.append(seconds)
         return command
 

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from cranedyn.benchmark.entry_files import changed_files
+from cranedyn.benchmark.entry_kinds import kind_of
 from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import EntrySource, find_entry
 from cranedyn.benchmark.evaluate import USUAL, Evaluator, InstanceResult, TaskEvaluation, Variant
@@ -43,7 +44,7 @@ SETTLING_TOLERANCE_PERIODS = 2
 and such a rounding may move the crossing of the tolerance by one to either side."""
 
 _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
-"""Packages whose versions a result names."""
+"""Packages whose versions a result names, whatever the kind of the entry."""
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def run_benchmark(
         tasks={task.name: task.digest for task in tasks},
         variant=variant,
         limits=limits,
-        versions=_versions(),
+        versions=_versions(source),
         instances=instances,
     )
 
@@ -216,10 +217,11 @@ def _evaluate(task: CraneTask, **arguments: Any) -> TaskEvaluation:
     return _evaluators[0].evaluate(task, **arguments)
 
 
-def _versions() -> dict[str, str]:
-    """Return the versions that a result names."""
+def _versions(source: EntrySource) -> dict[str, str]:
+    """Return the versions that the result of an entry names."""
     versions = {"cranedyn": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
+    kind = kind_of(source.source)
+    for package in (*_PACKAGES, *(() if kind is None else kind.packages)):
         versions[package] = installed_version(package)
     versions["processor"] = f"{platform.system()} {platform.machine()}"
     return versions
