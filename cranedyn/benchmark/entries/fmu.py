@@ -43,7 +43,7 @@ except ModuleNotFoundError as error:
         "FMUs need FMPy, which is not installed: pip install 'cranedyn[fmi]'."
     ) from error
 
-_DRIVES = ("velocity", "motion", "effort")
+_DRIVES: tuple[Literal["velocity", "motion", "effort"], ...] = ("velocity", "motion", "effort")
 """Kinds of outputs, in the order in which they are looked for."""
 
 _PROBE = 1e-3
@@ -205,11 +205,10 @@ def _commands(
     for drive in _DRIVES:
         names = []
         for name in input_names(briefing.crane, drive):
-            full = name if name.endswith("_command") else f"{name}_command"
-            wanted.append(full)
-            names += [one for one in (full, name) if one in unit.outputs][:1]
-        if len(names) == briefing.crane.layout.m:
-            return names, drive  # type: ignore[return-value]
+            names.append(name if name.endswith("_command") else f"{name}_command")
+        wanted += names
+        if set(names) <= set(unit.outputs):
+            return names, drive
     raise Declined(
         f"{source} has the outputs {', '.join(unit.outputs) or 'none'}; on this crane it needs "
         f"one for each drive, of one kind, of {', '.join(wanted)}."
