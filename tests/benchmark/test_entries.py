@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import py_compile
 import re
 import shutil
 import subprocess
@@ -465,6 +466,8 @@ def helpers(tmp_path: Path) -> Path:
     """An entry with a module and a table beside it."""
     (tmp_path / "mine.py").write_text(WITH_HELPERS, encoding="utf-8")
     (tmp_path / "law.py").write_text("def gain():\n    return 2.0\n", encoding="utf-8")
+    # Python then opens what it has compiled, and not the source.
+    py_compile.compile(str(tmp_path / "law.py"), doraise=True)
     (tmp_path / "unused.py").write_text("", encoding="utf-8")
     (tmp_path / "data").mkdir()
     (tmp_path / "data" / "shares.csv").write_text("1.0\n1.0\n1.0\n", encoding="utf-8")
