@@ -70,6 +70,9 @@ _ERROR = b"E"
 _LAST_WORDS = 5.0
 """Time for which a process that has closed its pipes may take to end [s]."""
 
+_FAREWELL = 0.5
+"""Time for which a process that is not needed any more may take to end [s]."""
+
 _DOUBLE = 8
 """Size of a number in a frame [byte]."""
 
@@ -208,13 +211,16 @@ class EntryProcess:
         self._process = None
         if process is None:
             return
+        assert process.stdin is not None and process.stdout is not None
+        # What is still in its buffer cannot be written any more.
+        with suppress(OSError):
+            process.stdin.close()
+        # It ends by itself when it reads the end of the pipe, unless it still computes.
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_FAREWELL)
         process.kill()
         process.wait()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                # What is still in its buffer cannot be written any more.
-                with suppress(OSError):
-                    pipe.close()
+        process.stdout.close()
 
     def _start(self) -> None:
         """Start the process and open the entry.

@@ -19,6 +19,7 @@ all instances one after another.
 from __future__ import annotations
 
 import asyncio
+import atexit
 import json
 import logging
 import resource
@@ -108,11 +109,17 @@ def open_source(source: str) -> Opened:
     conversation = _Conversation(port)
     running: list[subprocess.Popen[bytes]] = []
 
-    def make(briefing: Briefing) -> Entry:
+    def end_program() -> None:
         while running:
             previous = running.pop()
             previous.kill()
             previous.wait()
+
+    # Before the server ends, about which the program would complain.
+    atexit.register(end_program)
+
+    def make(briefing: Briefing) -> Entry:
+        end_program()
         if program is not None:
             running.append(_started(program, conversation.url))
         conversation.begin(briefing, running)
