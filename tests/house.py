@@ -19,7 +19,7 @@ ROOT = Path(__file__).resolve().parents[1]
 
 PROTOCOL = frozenset(
     "main run begin export experiment add_arguments next_commands emit study oracles "
-    "generate_launch_description".split()
+    "generate_launch_description open_source".split()
 )
 """Public names that every module of a kind defines."""
 

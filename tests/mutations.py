@@ -55,7 +55,7 @@ SHARED = (
 process would miss.
 """
 
-NOT_COPIED = (".git", ".venv", "out", "docs", ".*cache", "*.egg-info")
+NOT_COPIED = (".git", ".venv", "out", ".*cache", "*.egg-info")
 
 
 @dataclass(frozen=True)

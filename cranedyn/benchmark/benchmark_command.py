@@ -13,7 +13,8 @@ from cranedyn.benchmark.score import score_table, scores, totals
 from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
 from cranedyn.checks import number, whole
 from cranedyn.command import FAILED, Parser, command_line, next_lines
-from cranedyn.data.files import check_writable
+from cranedyn.data.files import check_writable, write_text
+from cranedyn.errors import DataError
 from cranedyn.progress import bar
 
 
@@ -47,6 +48,13 @@ def _add_running(parser: Parser) -> None:
     parser.add_argument("--seconds", type=float, default=usual.seconds, metavar="S", help=text)
     text = "memory that it may take [MB]"
     parser.add_argument("--megabytes", type=float, default=usual.megabytes, metavar="M", help=text)
+    _add_trust(parser)
+
+
+def _add_trust(parser: Parser) -> None:
+    """Add the option by which a user lets a file be unpickled."""
+    text = "unpickle a policy of Stable-Baselines3, which can run any code in its file"
+    parser.add_argument("--trust", action="store_true", help=text)
 
 
 def _limits(options: argparse.Namespace) -> EntryLimits:
@@ -105,7 +113,7 @@ def _list(options: argparse.Namespace) -> int:
 
 def _configure_run(parser: Parser) -> None:
     """Run an entry in all instances of the tasks, print its scores and write its result."""
-    parser.add_argument("entry", metavar="ENTRY", help=f"{FORMS}; a file of Python is run")
+    parser.add_argument("entry", metavar="ENTRY", help=f"{FORMS}; its code is run")
     _add_tasks(parser)
     text = f"{PUBLIC}, or a date such as 2026-11-28 for a ranking (default: %(default)s)"
     parser.add_argument("--seeds", default=PUBLIC, metavar="SEEDS", help=text)
@@ -118,7 +126,7 @@ def _configure_run(parser: Parser) -> None:
 def _run(options: argparse.Namespace) -> int:
     """Run an entry; the exit code is 1 if it took part in no task."""
     tasks = select_tasks(options.tasks)
-    source = find_entry(options.entry)
+    source = find_entry(options.entry, trusted=options.trust)
     check_seeds(options.seeds)
     limits = _limits(options)
     file = options.output or Path("out/benchmark", f"{source.name}.json")
@@ -126,7 +134,7 @@ def _run(options: argparse.Namespace) -> int:
         file.parent.mkdir(parents=True, exist_ok=True)
     # Before anything is computed, which may take minutes.
     check_writable(file)
-    check_opens(source.source, limits)
+    check_opens(source, limits)
     with bar("benchmark", len(tasks)) as progress:
         result = run_benchmark(
             tasks,
@@ -149,6 +157,8 @@ def _run(options: argparse.Namespace) -> int:
         words += ["--seeds", options.seeds]
     print(next_lines(verify_line, command_line(*words)))
     took_part = any(instance.status != "declined" for instance in result.instances)
+    if not took_part:
+        print(f"It takes part in none of these tasks: {result.instances[0].reason}")
     return 0 if took_part else FAILED
 
 
@@ -215,8 +225,9 @@ def _compare(options: argparse.Namespace) -> int:
 def _configure_verify(parser: Parser) -> None:
     """Compute a result again and say whether it is the same; exit code 1 if it is not."""
     parser.add_argument("result", type=Path, metavar="RESULT.json", help="the result")
-    text = "the entry, where its file lies elsewhere than the result says; a file of Python is run"
+    text = "the entry, where its file lies elsewhere than the result says; its code is run"
     parser.add_argument("--entry", metavar="ENTRY", help=text)
+    _add_trust(parser)
     text = "compute so many instances again; all by default"
     parser.add_argument("--sample", type=int, metavar="N", help=text)
     text = "processes that share the tasks; by default one for each processor"
@@ -233,6 +244,7 @@ def _verify(options: argparse.Namespace) -> int:
             result,
             all_tasks(),
             text=options.entry,
+            trusted=options.trust,
             sample=sample,
             jobs=options.jobs,
             progress=progress,
@@ -254,6 +266,36 @@ def _verify(options: argparse.Namespace) -> int:
     return FAILED if found.differences else 0
 
 
+# --- header ---------------------------------------------------------------------------------------
+
+
+def _configure_header(parser: Parser) -> None:
+    """Write the header crane_entry.h, by which an entry in C is made."""
+    text = "new file to write"
+    default = Path("crane_entry.h")
+    parser.add_argument("file", nargs="?", type=Path, default=default, metavar="FILE", help=text)
+    parser.set_defaults(run=_header)
+
+
+def _header(options: argparse.Namespace) -> int:
+    """Write the header; no file is overwritten.
+
+    Raises:
+        DataError: If the file exists.
+    """
+    from cranedyn.benchmark.entries.c_library import HEADER
+
+    if options.file.exists():
+        raise DataError(f"{options.file} exists; name another file, or remove it.")
+    check_writable(options.file)
+    write_text(options.file, HEADER.read_text(encoding="utf-8"))
+    print(f"Written to {options.file}.")
+    print(
+        next_lines("cc -O2 -fPIC -shared mine.c -o mine.so -lm", "cranedyn benchmark run mine.so")
+    )
+    return 0
+
+
 # --- validity and limits --------------------------------------------------------------------------
 
 
@@ -270,7 +312,7 @@ def _validity(options: argparse.Namespace) -> int:
     from cranedyn.benchmark.validity import VARIANTS, order_table, orders
 
     tasks = select_tasks(options.tasks)
-    entries = {text: find_entry(text) for text in options.entries}
+    entries = {text: find_entry(text, trusted=options.trust) for text in options.entries}
     by_name = {source.name: source for source in entries.values()}
     if len(by_name) == len(entries):
         # Names fit into the table better than paths, unless two are the same.
@@ -317,6 +359,7 @@ _COMMANDS: dict[str, tuple[Callable[[Parser], None], str]] = {
     "run": (_configure_run, "cranedyn benchmark run mine.py:controller --tasks tower"),
     "compare": (_configure_compare, "cranedyn benchmark compare a.json b.json"),
     "verify": (_configure_verify, "cranedyn benchmark verify mine.json --sample 10"),
+    "header": (_configure_header, "cranedyn benchmark header"),
     "validity": (_configure_validity, "cranedyn benchmark validity full_lqr mpc_goal"),
     "limits": (_configure_limits, "cranedyn benchmark limits --tasks inteco/move"),
 }

@@ -1,4 +1,4 @@
-"""What an entry of the benchmark is, and how one is opened from a file.
+"""What an entry of the benchmark is: a function that is told the task and returns a controller.
 
 An entry is a function that is told the task and returns a controller::
 
@@ -20,7 +20,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from pathlib import Path
 
 import numpy as np
 
@@ -28,9 +27,8 @@ from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask
 from cranedyn.controllers.velocity_command import as_velocity_command
 from cranedyn.dynamics.converters import Converters
-from cranedyn.errors import CraneError, OutOfRange, format_error
+from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Reference, State
-from cranedyn.interop.controller_file import load_function, open_controller
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.references.motion import Motion, hanging_reference
@@ -209,39 +207,3 @@ def briefing_of(task: CraneTask) -> Briefing:
 
 Opened = Callable[[Briefing], Entry]
 """An opened entry: from what it is told to its controller."""
-
-
-def open_entry(source: str) -> Opened:
-    """Open an entry; a file of Python is run. For the process in which entries run.
-
-    Raises:
-        CraneError: If it cannot be opened.
-    """
-    file, _, function = source.rpartition(":")
-    if file.endswith(".py"):
-        return _checked(source, load_function(Path(file), function, ("briefing",)))
-    matrices = open_controller(source)
-
-    def make(briefing: Briefing) -> Entry:
-        made = matrices.make(briefing.crane, briefing.motion, briefing.step)
-        return briefing.entry(made.controller, briefing.motion, made.drive)
-
-    return make
-
-
-def _checked(source: str, function: Callable[..., object]) -> Opened:
-    """Return a function of an entry that raises sentences."""
-
-    def make(briefing: Briefing) -> Entry:
-        try:
-            made = function(briefing)
-        except CraneError:
-            raise
-        except Exception as error:
-            raise CraneError(f"{source} failed: {format_error(error)}") from error
-        if not callable(made):
-            allowed = "a function of a reading that returns rates"
-            raise OutOfRange(f"result of {source}", type(made).__name__, allowed)
-        return made
-
-    return make

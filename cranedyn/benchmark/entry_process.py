@@ -11,7 +11,9 @@ stopping the others; they are no jail for a hostile one, which may read files an
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import os
 import resource
 import signal
@@ -27,9 +29,13 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of, open_entry
+from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
+from cranedyn.benchmark.entry_files import EntryFiles
+from cranedyn.benchmark.entry_kinds import open_entry
+from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask, read_tasks
+from cranedyn.data.files import parse_json
 from cranedyn.errors import CraneError, format_error
 
 _FRAME = struct.Struct("<cI")
@@ -44,6 +50,9 @@ _BEGIN = b"B"
 
 _STEP = b"S"
 """Return a command for a reading."""
+
+_FILES = b"F"
+"""Return the digests of the files of the entry that were used so far."""
 
 # Letters of its answers.
 _READY = b"R"
@@ -60,6 +69,9 @@ _ERROR = b"E"
 
 _LAST_WORDS = 5.0
 """Time for which a process that has closed its pipes may take to end [s]."""
+
+_FAREWELL = 0.5
+"""Time for which a process that is not needed any more may take to end [s]."""
 
 _DOUBLE = 8
 """Size of a number in a frame [byte]."""
@@ -95,17 +107,24 @@ class EntryLimits:
 class EntryProcess:
     """An entry in a process of its own, which is started again after it has ended.
 
-    One process serves all instances of a task, so that an entry may keep what it has designed for
-    the nominal crane.
+    One process serves all instances that it is given, of any tasks, so that an entry is loaded
+    once, and may keep what it has designed for a nominal crane.
+
+    Attributes:
+        files: SHA-256 of the files of the entry that its processes have used, see
+            `cranedyn.benchmark.entry_files`.
+        changed: Names of files that were no longer the same when they were used again.
     """
 
-    def __init__(self, source: str, limits: EntryLimits) -> None:
+    def __init__(self, source: EntrySource, limits: EntryLimits) -> None:
         """Name the entry; the process starts with the first instance.
 
         Args:
-            source: How it is opened, see `cranedyn.benchmark.entry_source.EntrySource`.
+            source: The entry.
             limits: What it may use.
         """
+        self.files: dict[str, str] = {}
+        self.changed: set[str] = set()
         self._source = source
         self._limits = limits
         self._process: subprocess.Popen[bytes] | None = None
@@ -137,7 +156,7 @@ class EntryProcess:
 
     def command(self, reading: SensorReading) -> tuple[np.ndarray, float]:
         """Return the command for a reading, and the processor time that it took by the clock of the
-        process [s].
+        process [s]; NaN for a program elsewhere.
 
         Raises:
             EntryFailed: If there is none.
@@ -155,6 +174,31 @@ class EntryProcess:
         return answer[:-1], float(answer[-1])
 
     def end_instance(self) -> None:
+        """Take down the files that an instance has used, and stop its clock."""
+        if self._process is not None:
+            with suppress(EntryFailed):
+                self._take_files()
+        self._stop_timer()
+
+    def _take_files(self) -> None:
+        """Ask the process for the files of the entry.
+
+        Raises:
+            EntryFailed: If it does not answer.
+        """
+        _, content = self._ask(_FILES, b"")
+        try:
+            files = parse_json(content)
+        except (ValueError, RecursionError):
+            files = None
+        if not isinstance(files, dict) or not all(isinstance(sha, str) for sha in files.values()):
+            # What answers runs code of the entry.
+            raise EntryFailed("Its process answered with what is no list of files.")
+        for name, sha in files.items():
+            if self.files.setdefault(name, sha) != sha:
+                self.changed.add(name)
+
+    def _stop_timer(self) -> None:
         """Stop the clock of an instance."""
         if self._timer is not None:
             self._timer.cancel()
@@ -162,18 +206,21 @@ class EntryProcess:
 
     def close(self) -> None:
         """End the process."""
-        self.end_instance()
+        self._stop_timer()
         process = self._process
         self._process = None
         if process is None:
             return
+        assert process.stdin is not None and process.stdout is not None
+        # What is still in its buffer cannot be written any more.
+        with suppress(OSError):
+            process.stdin.close()
+        # It ends by itself when it reads the end of the pipe, unless it still computes.
+        with suppress(subprocess.TimeoutExpired):
+            process.wait(_FAREWELL)
         process.kill()
         process.wait()
-        for pipe in (process.stdin, process.stdout):
-            if pipe is not None:
-                # What is still in its buffer cannot be written any more.
-                with suppress(OSError):
-                    pipe.close()
+        process.stdout.close()
 
     def _start(self) -> None:
         """Start the process and open the entry.
@@ -191,7 +238,8 @@ class EntryProcess:
             env={**os.environ, **single},
         )
         self._start_timer()
-        settings = [self._source, self._limits.seconds, self._limits.megabytes]
+        file = None if self._source.file is None else str(self._source.file.resolve())
+        settings = [self._source.source, file, self._limits.seconds, self._limits.megabytes]
         try:
             self._ask(_OPEN, json.dumps(settings).encode())
         except EntryFailed:
@@ -201,7 +249,7 @@ class EntryProcess:
 
     def _start_timer(self) -> None:
         """Kill the process after the patience of the limits, counted from now on."""
-        self.end_instance()
+        self._stop_timer()
         self._timer = threading.Timer(self._limits.patience, self._kill_late)
         self._timer.daemon = True
         self._timer.start()
@@ -248,10 +296,13 @@ class EntryProcess:
             return EntryFailed(
                 f"It took more than {self._limits.seconds:g} s of processor time for an instance."
             )
+        if code < 0:
+            # By a signal, as where a library in C reads beside its arrays.
+            return EntryFailed(f"Its process was ended by {signal.Signals(-code).name}.")
         return EntryFailed(f"Its process ended with the exit code {code}.")
 
 
-def check_opens(source: str, limits: EntryLimits) -> None:
+def check_opens(source: EntrySource, limits: EntryLimits) -> None:
     """Check that an entry can be opened in a process of its own, before all its instances fail.
 
     Raises:
@@ -293,15 +344,20 @@ class _Side:
     def __init__(self) -> None:
         self._opened: Opened | None = None
         self._entry: Entry | None = None
+        self._files: EntryFiles | None = None
         self._seconds = 0.0
         self._drives = 0
-        self._swings = 0
+        # Where the numbers of a reading stand in a frame, see `SensorReading`.
+        self._places: list[slice] = []
 
     def answer(self, letter: bytes, content: bytes) -> tuple[bytes, bytes]:
         """Return letter and content of the answer to a request."""
         try:
             if letter == _STEP:
                 return _COMMAND, self._command(content)
+            if letter == _FILES:
+                files = {} if self._files is None else self._files.digests()
+                return _READY, json.dumps(files).encode()
             if letter == _OPEN:
                 self._open(*json.loads(content))
             else:
@@ -315,8 +371,10 @@ class _Side:
             return _ERROR, format_error(error).encode()
         return _READY, b""
 
-    def _open(self, source: str, seconds: float, megabytes: float) -> None:
+    def _open(self, source: str, file: str | None, seconds: float, megabytes: float) -> None:
         self._seconds = seconds
+        if file is not None:
+            self._files = EntryFiles(Path(file))
         size = int(1e6 * megabytes)
         # macOS knows no limit of the address space.
         with suppress(OSError, ValueError):
@@ -328,8 +386,11 @@ class _Side:
         self._limit_time()
         task = next(task for task in read_tasks(Path(file)) if task.kind == kind)
         briefing = briefing_of(task)
-        self._drives = briefing.crane.layout.m
-        self._swings = len(briefing.crane.swings)
+        m = briefing.crane.layout.m
+        s = len(briefing.crane.swings)
+        self._drives = m
+        ends = np.cumsum([1, m, m, s, s, m]).tolist()
+        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
         assert self._opened is not None
         self._entry = self._opened(briefing)
 
@@ -344,15 +405,15 @@ class _Side:
 
     def _command(self, content: bytes) -> bytes:
         numbers = np.frombuffer(content, dtype="<f8")
+        parts = [numbers[place] for place in self._places]
+        reading = SensorReading(float(numbers[0]), *parts)
         m = self._drives
-        s = self._swings
-        ends = np.cumsum([1, m, m, s, s])
-        time_part, position, rate, swing, swing_rate, operator = np.split(numbers, ends)
-        reading = SensorReading(float(time_part[0]), position, rate, swing, swing_rate, operator)
         assert self._entry is not None
         begun = time.thread_time()
         command = self._entry(reading)
         taken = time.thread_time() - begun
+        if not getattr(self._entry, "is_timed", True):
+            taken = math.nan
         values = np.asarray(command, dtype=float)
         if values.shape != (m,):
             raise EntryFailed(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -11,9 +12,11 @@ import numpy as np
 from cranedyn.analysis.swing import settling_time
 from cranedyn.benchmark.entry import Declined
 from cranedyn.benchmark.entry_process import EntryFailed, EntryLimits, EntryProcess
+from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.sensors import SensorChain
 from cranedyn.benchmark.task import MOVES, CraneTask, Instance, instances
 from cranedyn.command import interrupted
+from cranedyn.compiled.verify import code_shared_with
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.wind import cosine_gust, steady, wind
 from cranedyn.dynamics.bodies import point_paths
@@ -77,34 +80,60 @@ class InstanceResult:
     command_us: tuple[float, ...] = ()
 
 
-def evaluate_task(
-    task: CraneTask,
-    source: str,
-    *,
-    seeds: str,
-    indices: Sequence[int] | None = None,
-    limits: EntryLimits | None = None,
-    variant: Variant = USUAL,
-) -> list[InstanceResult]:
-    """Return the results of an entry in the instances of a task.
+@dataclass(frozen=True)
+class TaskEvaluation:
+    """What came of the instances of a task.
 
-    Args:
-        task: The task.
-        source: How the entry is opened.
-        seeds: Name of the seeds, see `cranedyn.benchmark.task.instances`.
-        indices: Indices of the instances to run; None for all.
-        limits: What the entry may use; None for the usual limits.
-        variant: How the runs are computed.
+    Attributes:
+        results: The results.
+        files: SHA-256 of the files that the entry has used so far, by name, see
+            `cranedyn.benchmark.entry_files`.
+        changed: Names of files that changed while it ran.
     """
-    process = EntryProcess(source, EntryLimits() if limits is None else limits)
-    results = []
-    try:
+
+    results: Sequence[InstanceResult]
+    files: Mapping[str, str]
+    changed: frozenset[str]
+
+
+class Evaluator:
+    """Runs an entry in the instances of tasks, one after another, in one process of the entry."""
+
+    def __init__(self, source: EntrySource, limits: EntryLimits) -> None:
+        """Name the entry; its process starts with the first instance.
+
+        Args:
+            source: The entry.
+            limits: What it may use.
+        """
+        self._process = EntryProcess(source, limits)
+
+    def evaluate(
+        self,
+        task: CraneTask,
+        *,
+        seeds: str,
+        indices: Sequence[int] | None = None,
+        variant: Variant = USUAL,
+    ) -> TaskEvaluation:
+        """Return the results in the instances of a task.
+
+        Args:
+            task: The task.
+            seeds: Name of the seeds, see `cranedyn.benchmark.task.instances`.
+            indices: Indices of the instances to run; None for all.
+            variant: How the runs are computed.
+        """
+        process = self._process
+        results = []
         for instance in instances(task, seeds):
             if indices is None or instance.index in indices:
                 results.append(run_instance(instance, process, variant))
-    finally:
-        process.close()
-    return results
+        return TaskEvaluation(results, dict(process.files), frozenset(process.changed))
+
+    def close(self) -> None:
+        """End the process of the entry."""
+        self._process.close()
 
 
 class _Commands:
@@ -128,7 +157,9 @@ class _Commands:
         except EntryFailed as failure:
             self.failure = failure
             raise
-        self.seconds.append(seconds)
+        # A program elsewhere has no clock of ours.
+        if not math.isnan(seconds):
+            self.seconds.append(seconds)
         return command
 
 
@@ -187,17 +218,19 @@ def _simulated(
         EntryFailed: If the entry fails at its first command.
     """
     task = instance.task
-    return simulate(
-        crane,
-        commands,
-        start=_start(instance, crane),
-        duration=task.duration,
-        dt=task.step / variant.substeps,
-        control_period=task.period,
-        drive=task.converters(instance.values["lag_factor"]),
-        disturbance=_disturbance(instance, crane),
-        engine=variant.engine,
-    )
+    # To compile code for the load and the lags of each instance takes longer than to run it.
+    with code_shared_with(task.crane(), task.converters()):
+        return simulate(
+            crane,
+            commands,
+            start=_start(instance, crane),
+            duration=task.duration,
+            dt=task.step / variant.substeps,
+            control_period=task.period,
+            drive=task.converters(instance.values["lag_factor"]),
+            disturbance=_disturbance(instance, crane),
+            engine=variant.engine,
+        )
 
 
 def _start(instance: Instance, crane: Crane) -> State:

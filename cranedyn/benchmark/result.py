@@ -1,7 +1,7 @@
 """Results of an entry as one file: run all instances, write, read and verify them.
 
-A result has what is needed to compute it again: the digests of the tasks and of the entry's file,
-the name of the seeds, and versions. Whoever has the file of the entry can verify it.
+A result has what is needed to compute it again: the digests of the tasks and of the entry's files,
+the name of the seeds, and versions. Whoever has the files of the entry can verify it.
 """
 
 from __future__ import annotations
@@ -11,16 +11,19 @@ import math
 import multiprocessing
 import platform
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from dataclasses import asdict, dataclass
 from importlib.metadata import version as installed_version
+from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
+from cranedyn.benchmark.entry_files import changed_files
+from cranedyn.benchmark.entry_kinds import kind_of
 from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import EntrySource, find_entry
-from cranedyn.benchmark.evaluate import USUAL, InstanceResult, Variant, evaluate_task
+from cranedyn.benchmark.evaluate import USUAL, Evaluator, InstanceResult, TaskEvaluation, Variant
 from cranedyn.benchmark.task import VERSION, CraneTask, check_seeds
 from cranedyn.checks import number, worker_count
 from cranedyn.data.files import parse_json, read_text, write_text
@@ -28,7 +31,7 @@ from cranedyn.errors import CraneError, DataError, quoted
 from cranedyn.sweep.workers import end_with_parent, ignore_sigint
 from cranedyn.version import __version__
 
-FORMAT = "cranedyn benchmark result 1"
+FORMAT = "cranedyn benchmark result 2"
 """First entry of a file of results."""
 
 RELATIVE_TOLERANCE = 1e-3
@@ -41,7 +44,7 @@ SETTLING_TOLERANCE_PERIODS = 2
 and such a rounding may move the crossing of the tolerance by one to either side."""
 
 _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
-"""Packages whose versions a result names."""
+"""Packages whose versions a result names, whatever the kind of the entry."""
 
 
 @dataclass(frozen=True)
@@ -51,7 +54,8 @@ class Result:
     Attributes:
         entry: Name of the entry in tables.
         source: How it was named on the command line.
-        entry_digest: SHA-256 of its file.
+        files: SHA-256 of its files by their paths in its folder, that of the entry itself first,
+            see `cranedyn.benchmark.entry_files`; empty for a program that the user started.
         benchmark: Version of the tasks.
         seeds: Name of the seeds.
         tasks: Digest of each task that was run, by name.
@@ -63,7 +67,7 @@ class Result:
 
     entry: str
     source: str
-    entry_digest: str
+    files: Mapping[str, str]
     benchmark: str
     seeds: str
     tasks: Mapping[str, str]
@@ -110,57 +114,114 @@ def run_benchmark(
 
     Raises:
         OutOfRange: If the seeds are no name of seeds, or the number of jobs is out of range.
+        CraneError: If a file of the entry changed meanwhile.
     """
     check_seeds(seeds)
     limits = EntryLimits() if limits is None else limits
     count = min(worker_count("jobs", jobs), max(len(tasks), 1))
-    by_task: dict[str, list[InstanceResult]] = {}
-    digest = source.digest
-
-    def keep(task: CraneTask, results: list[InstanceResult]) -> None:
-        by_task[task.name] = results
+    if source.max_jobs is not None:
+        count = min(count, source.max_jobs)
+    files = source.files
+    by_task = {}
+    evaluations = _evaluations(tasks, source, limits, count, seeds, variant, indices)
+    for done, (task, evaluation) in enumerate(evaluations, 1):
+        by_task[task.name] = evaluation
         if progress is not None:
-            progress(len(by_task))
-
-    def arguments(task: CraneTask) -> dict[str, Any]:
-        chosen = None if indices is None else indices[task.name]
-        return {"seeds": seeds, "indices": chosen, "limits": limits, "variant": variant}
-
-    if count == 1:
-        for task in tasks:
-            keep(task, evaluate_task(task, source.source, **arguments(task)))
-    else:
-        context = multiprocessing.get_context("spawn")
-        with ProcessPoolExecutor(count, context, initializer=end_with_parent) as pool:
-            futures: dict[Future[list[InstanceResult]], CraneTask] = {}
-            # Submitting starts processes, which must not end at an interruption by themselves.
-            with ignore_sigint():
-                for task in tasks:
-                    future = pool.submit(evaluate_task, task, source.source, **arguments(task))
-                    futures[future] = task
-            for future in as_completed(futures):
-                keep(futures[future], future.result())
-    instances = []
+            progress(done)
+    instances: list[InstanceResult] = []
     for task in tasks:
-        instances += by_task[task.name]
+        instances += by_task[task.name].results
+    _add_files(files, list(by_task.values()))
     return Result(
         entry=source.name,
         source=text,
-        entry_digest=digest,
+        files=files,
         benchmark=VERSION,
         seeds=seeds,
         tasks={task.name: task.digest for task in tasks},
         variant=variant,
         limits=limits,
-        versions=_versions(),
+        versions=_versions(source),
         instances=instances,
     )
 
 
-def _versions() -> dict[str, str]:
-    """Return the versions that a result names."""
+def _evaluations(
+    tasks: Sequence[CraneTask],
+    source: EntrySource,
+    limits: EntryLimits,
+    count: int,
+    seeds: str,
+    variant: Variant,
+    indices: Mapping[str, Sequence[int]] | None,
+) -> Iterator[tuple[CraneTask, TaskEvaluation]]:
+    """Yield what came of each task as soon as it is done, by so many processes, see
+    `run_benchmark`.
+    """
+
+    def arguments(task: CraneTask) -> dict[str, Any]:
+        chosen = None if indices is None else indices[task.name]
+        return {"seeds": seeds, "indices": chosen, "variant": variant}
+
+    if count == 1:
+        evaluator = Evaluator(source, limits)
+        try:
+            for task in tasks:
+                yield task, evaluator.evaluate(task, **arguments(task))
+        finally:
+            evaluator.close()
+        return
+    context = multiprocessing.get_context("spawn")
+    with ProcessPoolExecutor(count, context, _start_worker, (source, limits)) as pool:
+        futures: dict[Future[TaskEvaluation], CraneTask] = {}
+        # Submitting starts processes, which must not end at an interruption by themselves.
+        with ignore_sigint():
+            for task in tasks:
+                futures[pool.submit(_evaluate, task, **arguments(task))] = task
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+
+
+def _add_files(files: dict[str, str], evaluations: Sequence[TaskEvaluation]) -> None:
+    """Add the files that an entry has used to that of the entry itself.
+
+    Raises:
+        CraneError: If one of them changed meanwhile.
+    """
+    changed = set[str]()
+    for evaluation in evaluations:
+        changed |= evaluation.changed
+        for name, sha in evaluation.files.items():
+            if files.setdefault(name, sha) != sha:
+                changed.add(name)
+    if changed:
+        raise CraneError(
+            f"{', '.join(sorted(changed))} of the entry changed while it ran; run it again."
+        )
+
+
+_evaluators: list[Evaluator] = []
+"""In a process of `run_benchmark` that shares the tasks with others: what runs the entry there."""
+
+
+def _start_worker(source: EntrySource, limits: EntryLimits) -> None:
+    """Prepare a process for the tasks that it will get: it loads the entry once for all of them."""
+    end_with_parent()
+    evaluator = Evaluator(source, limits)
+    _evaluators.append(evaluator)
+    Finalize(evaluator, evaluator.close, exitpriority=0)
+
+
+def _evaluate(task: CraneTask, **arguments: Any) -> TaskEvaluation:
+    """Return the results in a task, in a process of `run_benchmark`."""
+    return _evaluators[0].evaluate(task, **arguments)
+
+
+def _versions(source: EntrySource) -> dict[str, str]:
+    """Return the versions that the result of an entry names."""
     versions = {"cranedyn": __version__, "python": platform.python_version()}
-    for package in _PACKAGES:
+    kind = kind_of(source.source)
+    for package in (*_PACKAGES, *(() if kind is None else kind.packages)):
         versions[package] = installed_version(package)
     versions["processor"] = f"{platform.system()} {platform.machine()}"
     return versions
@@ -215,7 +276,7 @@ def _parsed(content: dict[str, Any]) -> Result:
     return Result(
         entry=_text(content["entry"]),
         source=_text(content["source"]),
-        entry_digest=_text(content["entry_digest"]),
+        files={_text(name): _text(digest) for name, digest in content["files"].items()},
         benchmark=_text(content["benchmark"]),
         seeds=_text(content["seeds"]),
         tasks={_text(name): _text(digest) for name, digest in content["tasks"].items()},
@@ -265,6 +326,7 @@ def verify_result(
     tasks: Sequence[CraneTask],
     *,
     text: str | None = None,
+    trusted: bool = False,
     sample: int | None = None,
     jobs: int | None = 1,
     progress: Callable[[int], object] | None = None,
@@ -275,6 +337,8 @@ def verify_result(
         result: The result.
         tasks: All tasks of this version.
         text: How the entry is named here; None for how the result names it.
+        trusted: Whether a file of the entry may be unpickled, see
+            `cranedyn.benchmark.entry_source.find_entry`.
         sample: Number of instances to compute again, drawn by the digest of the result; None for
             all.
         jobs: Processes that share the tasks.
@@ -285,12 +349,11 @@ def verify_result(
             compared.
     """
     text = result.source if text is None else text
-    source = find_entry(text)
-    if source.digest != result.entry_digest:
-        raise CraneError(
-            f"{source.file} is not the file of the result: its SHA-256 begins with "
-            f"{source.digest[:12]}, that of the result with {result.entry_digest[:12]}."
-        )
+    source = find_entry(text, trusted=trusted)
+    if source.file is not None:
+        different = changed_files(result.files, source.file)
+        if different:
+            raise CraneError(" ".join(different))
     known = {task.name: task for task in tasks}
     for name, digest in result.tasks.items():
         if name not in known or known[name].digest != digest:
@@ -312,6 +375,10 @@ def verify_result(
     )
     claimed = {(instance.task, instance.index): instance for instance in result.instances}
     differences = _missing_instances(result, [known[name] for name in result.tasks])
+    # Files beside the entry that were not there, or not needed, when the result was made.
+    main, *_ = source.files or [""]
+    for name in sorted(again.files.keys() - result.files.keys() - {main}):
+        differences.append(f"The entry uses {name} here, which the result does not name.")
     largest = 0.0
     for computed in again.instances:
         stated = claimed[computed.task, computed.index]
@@ -341,7 +408,7 @@ def _sample(result: Result, count: int | None) -> dict[str, list[int]]:
     """Return the indices of instances to compute again by the name of their task."""
     pairs = [(instance.task, instance.index) for instance in result.instances]
     if count is not None and count < len(pairs):
-        pairs = random.Random(result.entry_digest).sample(pairs, count)
+        pairs = random.Random(json.dumps(dict(result.files))).sample(pairs, count)
     indices: dict[str, list[int]] = {}
     for name, index in pairs:
         if name in result.tasks:

@@ -4,7 +4,9 @@ state.
 
 from __future__ import annotations
 
+import itertools
 from collections import deque
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -13,6 +15,9 @@ from cranedyn.benchmark.task import Instance
 from cranedyn.estimation.sensor_model import noise_of
 from cranedyn.interfaces import State
 from cranedyn.model.crane import Crane
+
+_NOISE_ROWS = 256
+"""Readings whose noise is drawn at once."""
 
 
 class SensorReading(NamedTuple):
@@ -67,9 +72,16 @@ class SensorChain:
                 rate_noise[crane.swings],
             ]
         )
+        self._noise_rows: Iterator[np.ndarray] = iter(())
+        m = len(drives)
+        s = len(crane.swings)
+        ends = [0, *np.cumsum([m, m, s, s]).tolist()]
+        # Where position, rate, swing and swing rate stand among the measured numbers.
+        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
         # The drum does not know of a rope that is longer than assumed.
         self._zero = -instance.drive_offset(crane)
         self._bias = values["swing_bias"]
+        self._no_operator = np.zeros(m)
         delay = task.sensors.delay + round(values["more_delay"])
         self._readings: deque[SensorReading] = deque(maxlen=delay + 1)
         self._outage_begins = values["outage_at"]
@@ -84,33 +96,44 @@ class SensorChain:
             self._readings.append(self._measured(t, state))
         # With so many readings at most, the first one is as old as the delay says.
         oldest = self._readings[0]
+        if not self._task.joystick:
+            return oldest._replace(t=t)
         return oldest._replace(t=t, operator=self._task.operator_rates(t))
 
     def _measured(self, t: float, state: State) -> SensorReading:
         """Return the reading without delay and outage."""
         crane = self._crane
         drives = crane.layout.drives
-        swing_rate = state.v[crane.swings] - crane.rest.slope @ state.v[drives]
+        rates = state.v[drives]
         exact = np.concatenate(
             [
                 state.q[drives] + self._zero,
-                state.v[drives],
+                rates,
                 crane.swing_angles(state.q) + self._bias,
-                swing_rate,
+                state.v[crane.swings] - crane.rest.slope @ rates,
             ]
         )
-        noisy = exact + self._noise * self._rng.standard_normal(len(exact))
-        m = len(drives)
-        s = len(crane.swings)
-        position, rate, swing, swing_rate = np.split(noisy, [m, 2 * m, 2 * m + s])
+        noisy = exact + self._noise_row()
+        position, rate, swing, swing_rate = [noisy[place] for place in self._places]
         return SensorReading(
             t=t,
             position=_rounded(position, self._task.sensors.position_step),
             rate=rate,
             swing=_rounded(swing, self._task.sensors.swing_step),
             swing_rate=swing_rate,
-            operator=np.zeros(m),
+            operator=self._no_operator,
         )
+
+    def _noise_row(self) -> np.ndarray:
+        """Return the noise of the next reading. It is drawn for many readings at once, which takes
+        less time and gives the same numbers.
+        """
+        row = next(self._noise_rows, None)
+        if row is None:
+            shape = (_NOISE_ROWS, len(self._noise))
+            self._noise_rows = iter(self._noise * self._rng.standard_normal(shape))
+            row = next(self._noise_rows)
+        return row
 
 
 def _rounded(values: np.ndarray, resolution: float) -> np.ndarray:

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
-from weakref import ref
 
 import numpy as np
 
@@ -64,6 +63,8 @@ class CompiledCrane:
         self.memory = np.zeros(size(self.sizes.state))
         # Two rows: the code computes the efforts until an instant by the forces of the row before.
         self.force = np.zeros((2, size(self.sizes.force)))
+        # Numbers of the crane that the code reads from memory; known with the code.
+        self._varied_numbers = np.zeros(0)
         # Code bound to the memory: for a control period, and for its first instant alone.
         self._calls: tuple[Callable[[], None], Callable[[], None]] | None = None
         self.base: BaseSamples | None = None
@@ -210,12 +211,8 @@ class CompiledCrane:
             controller_states=controller_states,
             base=spec.base is not None,
         )
-        response = None
-        if spec.converters is not None:
-            # Bytes can be looked up in a cache, and an array cannot.
-            response = np.concatenate(spec.converters.response).tobytes()
-        # A weak reference, so that the cache of code keeps no crane alive.
-        return crane_kernel(ref(spec.crane), options, response)
+        code, self._varied_numbers = crane_kernel(spec.crane, options, spec.converters)
+        return code
 
     def loop(
         self,
@@ -253,6 +250,7 @@ class CompiledCrane:
             last=len(rows),
             end=end,
             state=memory.reshape(1, -1, 1),
+            numbers=self._varied_numbers.reshape(1, -1, 1),
             log=rows.reshape(1, -1, 1),
             horizon=horizon,
             root=None if root is None else single_table(root),

@@ -9,9 +9,11 @@ from __future__ import annotations
 
 import random
 import threading
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import lru_cache
-from typing import cast
+from typing import NamedTuple, cast
 from weakref import ref
 
 import numpy as np
@@ -105,17 +107,83 @@ def compile_kernel(
     return code, varied_numbers
 
 
-@lru_cache(maxsize=256)
-def crane_kernel(crane: ref[Crane], options: KernelOptions, response: bytes | None) -> Kernel:
-    """Return code for one crane, as `compile_kernel`; it is cached.
+class CraneNumbers(NamedTuple):
+    """What tells the code of a crane from that of another one of its topology; a key of caches.
+
+    Attributes:
+        crane: The crane. A weak reference, so that a cache of code keeps no crane alive.
+        response: Bytes of the numbers of its converters, which can be looked up in a cache as an
+            array cannot; None for drives without converters.
+    """
+
+    crane: ref[Crane]
+    response: bytes | None
+
+    @classmethod
+    def of(cls, crane: Crane, converters: Converters | None) -> CraneNumbers:
+        """Return the numbers of a crane and of its converters."""
+        response = None
+        if converters is not None:
+            response = np.concatenate(converters.response).tobytes()
+        return cls(ref(crane), response)
+
+
+_shared_with: ContextVar[CraneNumbers | None] = ContextVar("shared_with", default=None)
+"""The crane with which others share their code, see `code_shared_with`."""
+
+
+@contextmanager
+def code_shared_with(crane: Crane, converters: Converters | None) -> Iterator[None]:
+    """Let code that is made in this context serve many cranes that differ from a crane in the same
+    numbers.
+
+    Otherwise all numbers of a crane are constants of its code, and each crane has code of its own.
+    Here the numbers in which a crane differs from the one given are read from memory, so that many
+    variants of it need two codes instead of one each. What is computed agrees up to round-off, and
+    does not depend on which other variants there were.
+
+    Args:
+        crane: The crane of which the others are variants.
+        converters: Its frequency converters; None for drives without converters.
+    """
+    token = _shared_with.set(CraneNumbers.of(crane, converters))
+    try:
+        yield
+    finally:
+        _shared_with.reset(token)
+
+
+def crane_kernel(
+    crane: Crane, options: KernelOptions, converters: Converters | None
+) -> tuple[Kernel, np.ndarray]:
+    """Return code for one crane, as `compile_kernel`, and those of its numbers that the code reads
+    from memory, shape (k,): none, unless the context says otherwise, see `code_shared_with`. It is
+    cached.
 
     Args:
         crane: The crane.
         options: Features of the code.
-        response: Bytes of the numbers of its converters; None for drives without converters.
+        converters: Its frequency converters; None for drives without converters.
     """
-    converters = None if response is None else np.frombuffer(response)
-    return compile_kernel([cast(Crane, crane())], options, converters)[0]
+    return _crane_kernel(CraneNumbers.of(crane, converters), options, _shared_with.get())
+
+
+@lru_cache(maxsize=256)
+def _crane_kernel(
+    own: CraneNumbers, options: KernelOptions, shared_with: CraneNumbers | None
+) -> tuple[Kernel, np.ndarray]:
+    """Return code for one crane and its varied numbers, see `crane_kernel`."""
+    cranes = [cast(Crane, own.crane())]
+    responses = [own.response]
+    if shared_with is not None:
+        # The constants of the code are those of the first crane.
+        cranes.insert(0, cast(Crane, shared_with.crane()))
+        responses.insert(0, shared_with.response)
+    converters = None
+    if own.response is not None:
+        converters = np.array([np.frombuffer(cast(bytes, response)) for response in responses])
+    code, varied = compile_kernel(cranes, options, converters)
+    return code, varied[-1]
 
 
 def verify_cranes(

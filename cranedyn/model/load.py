@@ -200,7 +200,7 @@ def load_crane(
         values = {**specification.values, **values}
         options = options._replace(assumptions=specification.assumptions)
     path = XACRO if urdf is None else Path(urdf)
-    stays_as_described = urdf is None and not (locked or _is_wanted(swing))
+    stays_as_described = path == XACRO and not (locked or _is_wanted(swing))
     if path.suffix == ".xacro":
         # The visuals of this project's own crane take time. As long as the crane stays as it is
         # described, they are made when somebody asks for them.

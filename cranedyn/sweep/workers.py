@@ -224,10 +224,17 @@ def end_with_parent() -> None:
     parent = multiprocessing.parent_process()
     if parent is None:
         return
+    kill_with_parent()
+    threading.Thread(target=_exit_after, args=(parent,), daemon=True).start()
+
+
+def kill_with_parent() -> None:
+    """Let Linux kill this process when its parent ends, or the thread of it that started this
+    process. Elsewhere nothing happens.
+    """
     if sys.platform == "linux":
         with suppress(OSError, AttributeError):
             ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, int(signal.SIGKILL), 0, 0, 0)
-    threading.Thread(target=_exit_after, args=(parent,), daemon=True).start()
 
 
 def _exit_after(parent: BaseProcess) -> None:

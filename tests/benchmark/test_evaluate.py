@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of, open_entry
+from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of
+from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.evaluate import (
     InstanceResult,
     Variant,

@@ -7,8 +7,10 @@ from typing import Any
 
 import numpy as np
 
-from cranedyn.benchmark.entry import Briefing, Entry, Opened, briefing_of, open_entry
+from cranedyn.benchmark.entry import Briefing, Entry, Opened, briefing_of
+from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.entry_process import EntryLimits
+from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.evaluate import InstanceResult
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask, Instance, instances, read_tasks
@@ -52,6 +54,8 @@ class InThisProcess:
 
     def __init__(self, opened: Opened) -> None:
         self._opened = opened
+        self.files: dict[str, str] = {}
+        self.changed: set[str] = set()
         self.briefing: Briefing | None = None
         self.readings: list[SensorReading] = []
 
@@ -72,9 +76,9 @@ class InThisProcess:
         """Do nothing."""
 
 
-def opened_here(source: str, limits: EntryLimits) -> InThisProcess:
+def opened_here(source: EntrySource, limits: EntryLimits) -> InThisProcess:
     """An entry from its file in this process, for tests that are not about processes."""
-    return InThisProcess(open_entry(source))
+    return InThisProcess(open_entry(source.source))
 
 
 def result_of(task: str, index: int, **values: Any) -> InstanceResult:

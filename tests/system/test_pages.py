@@ -24,8 +24,9 @@ from tests.helpers import ROOT
 
 PAGES = sorted([*(ROOT / "docs").glob("**/*.md"), ROOT / "README.md"])
 KINDS = ("tutorial", "howto", "concepts", "results")
-ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md"}
-"""Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py and below."""
+ELSEWHERE = {"README.md", "README.ja.md", "sweep.md", "experiment.md", "benchmark.md"}
+"""Pages whose code other tests run: test_readme.py, tests/sweep/test_sweep_dask.py, those of
+tests/benchmark, and below."""
 LONG = {
     *("control.md", "design_to_plc.md", "drive.md", "drives.md", "first_lift.md"),
     "foreign_cranes.md",

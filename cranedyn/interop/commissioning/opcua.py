@@ -148,13 +148,24 @@ class _BoundedServer(BinaryServer):
         )
 
 
-async def _listen(server: Server) -> None:
-    """Start a server whose connections are bounded."""
+async def listen(server: Server, host: str, port: int) -> None:
+    """Start a server whose connections are bounded.
+
+    Args:
+        server: The server.
+        host: Host at which it listens.
+        port: Port at which it listens.
+
+    Raises:
+        CraneError: If it cannot listen at this address.
+    """
     # asyncua has no argument for the class of its socket server; it looks the name up in `start`.
     original = asyncua_server.BinaryServer
     asyncua_server.BinaryServer = _BoundedServer  # type: ignore[misc]
     try:
         await server.start()
+    except OSError as error:
+        raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
     finally:
         asyncua_server.BinaryServer = original  # type: ignore[misc]
 
@@ -173,6 +184,25 @@ async def serve_opcua(
     Raises:
         CraneError: If it cannot listen at this address, or a file of the security cannot be read.
     """
+    server = await new_server(host, port, security)
+    crane = await server.nodes.objects.add_object(f"ns={NAMESPACE};s=Crane", f"{NAMESPACE}:Crane")
+    for word in image.words:
+        await _add_word(server, crane, image, word)
+    await listen(server, host, port)
+    return server
+
+
+async def new_server(host: str, port: int, security: Security | None = None) -> Server:
+    """Return a server without nodes of its own, which does not listen yet, see `listen`.
+
+    Args:
+        host: Host at which it will listen.
+        port: Port at which it will listen.
+        security: What protects it; without it everybody gets in.
+
+    Raises:
+        CraneError: If a file of the security cannot be read.
+    """
     server = Server()
     server.limits.max_chunk_count = MAX_CHUNKS_OF_MESSAGE
     server.limits.max_message_size = MAX_CHUNKS_OF_MESSAGE * MAX_CHUNK
@@ -186,13 +216,6 @@ async def serve_opcua(
     else:
         await _secure(server, security)
     await server.register_namespace("urn:cranedyn:crane")  # the first, which is `NAMESPACE`
-    crane = await server.nodes.objects.add_object(f"ns={NAMESPACE};s=Crane", f"{NAMESPACE}:Crane")
-    for word in image.words:
-        await _add_word(server, crane, image, word)
-    try:
-        await _listen(server)
-    except OSError as error:
-        raise CraneError(f"OPC UA cannot listen at {host}:{port}; is the port taken?") from error
     return server
 
 
