@@ -1,9 +1,10 @@
-"""Machine code that the processes of a test run share, see `tests.objects`."""
+"""What the processes of a test run share, see `tests.objects`."""
 
 from __future__ import annotations
 
 import inspect
 import os
+import shutil
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,8 @@ import pytest
 from llvmlite import ir
 
 from cranedyn.compiled import machine
+from cranedyn.model import description
+from cranedyn.model.description import XACRO
 from tests import objects
 
 
@@ -41,6 +44,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # The functions without the folder of this run, which are put back at the end.
     monkeypatch.setattr(machine, "translate", inspect.unwrap(machine.translate))
     monkeypatch.setattr(machine, "object_code", inspect.unwrap(machine.object_code))
+    monkeypatch.setattr(description, "_expand", inspect.unwrap(description._expand))
     objects.share(tmp_path)
     return tmp_path
 
@@ -89,3 +93,42 @@ def test_what_was_made_once_is_not_made_again(
     assert file.read_text() == "content"
     assert len(made) == 1
     assert os.path.dirname(file) == str(tmp_path)
+
+
+def test_a_description_that_was_expanded_is_taken_from_its_file_and_reads_the_same(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = (("visuals", "false"), ("payload_mass", "1234.0"))
+    first = description._expand(str(XACRO), values)
+    assert first == inspect.unwrap(description._expand)(str(XACRO), values)
+    (file,) = folder.iterdir()
+    monkeypatch.setattr("xacro.process_file", None)
+    assert description._expand(str(XACRO), values) == first
+    assert [*folder.iterdir()] == [file]
+
+
+def test_other_values_and_other_sources_are_another_description(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = (("visuals", "false"),)
+    usual = description._expand(str(XACRO), values)
+    assert description._expand(str(XACRO), (*values, ("payload_mass", "1234.0"))) != usual
+    own = tmp_path_factory.mktemp("own") / XACRO.name
+    for source in XACRO.parent.glob("*.xacro"):
+        shutil.copy(source, own.parent)
+    text = own.read_text("utf-8")
+    assert text.count('name="payload_mass" default="1000.0"') == 1
+    changed = text.replace('"payload_mass" default="1000.0"', '"payload_mass" default="999.0"')
+    own.write_text(changed, "utf-8")
+    monkeypatch.setattr(description, "XACRO", own)
+    assert '<mass value="999.0"/>' in description._expand(str(own), values)
+    assert len([*folder.iterdir()]) == 3
+
+
+def test_a_description_of_somebody_else_is_expanded_each_time(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("theirs") / "r.xacro"
+    path.write_text("<robot name='r'/>", "utf-8")
+    description._expand(str(path), ())
+    assert [*folder.iterdir()] == []
