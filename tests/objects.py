@@ -12,6 +12,7 @@ xacro files, of its values and of the module that expands them.
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import functools
 import hashlib
@@ -19,12 +20,35 @@ import importlib.metadata
 import os
 import sys
 import threading
+import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 FOLDER = "CRANEDYN_TEST_OBJECTS"
 """Name of the environment variable with the folder that the processes share."""
+
+
+UNUSED_DAYS = 30.0
+"""Days after which a file that no run has used is forgotten."""
+
+
+def is_private(folder: Path) -> bool:
+    """Return whether nobody but this user may write to a folder."""
+    status = folder.stat()
+    return not hasattr(os, "getuid") or (
+        status.st_uid == os.getuid() and not status.st_mode & 0o022
+    )
+
+
+def forget_unused(folder: Path) -> None:
+    """Remove the files of a shared folder that no run has used for `UNUSED_DAYS`."""
+    last = time.time() - 86400.0 * UNUSED_DAYS
+    for file in folder.iterdir():
+        # Another run may remove it at the same time.
+        with contextlib.suppress(FileNotFoundError):
+            if file.stat().st_mtime < last:
+                file.unlink()
 
 
 def made_once(name: str, make: Callable[[Path], object]) -> Path:
@@ -41,6 +65,7 @@ def made_once(name: str, make: Callable[[Path], object]) -> Path:
             draft = Path(f"{file}.draft")
             make(draft)
             draft.replace(file)
+    file.touch()
     return file
 
 
@@ -91,7 +116,7 @@ def _share_descriptions(folder: Path) -> None:
         file = folder / f"{name}.urdf"
         if not file.exists():
             _write(file, expand(path, mappings, packages).encode())
-        return file.read_text("utf-8")
+        return _used(file).decode()
 
     description._expand = expand_once
 
@@ -138,7 +163,7 @@ def _share_machine_code(folder: Path) -> None:
         with lock:
             if not file.exists():
                 _writer(file)(None, object_code(module, triple, features))
-        return file.read_bytes()
+        return _used(file)
 
     machine.translate = translate_once
     machine.object_code = object_code_once
@@ -196,6 +221,12 @@ def _reader(file: Path) -> Callable[[Any], bytes | None]:
     """Return a function that LLVM asks for an object file before it makes one."""
 
     def read(_: Any) -> bytes | None:
-        return file.read_bytes() if file.exists() else None
+        return _used(file) if file.exists() else None
 
     return read
+
+
+def _used(file: Path) -> bytes:
+    """Return the content of a file, and keep it from being forgotten."""
+    file.touch()
+    return file.read_bytes()

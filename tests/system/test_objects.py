@@ -5,6 +5,7 @@ from __future__ import annotations
 import inspect
 import os
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -59,7 +60,8 @@ def test_a_module_that_was_translated_is_taken_from_its_file_and_computes_the_sa
     assert scaled(first, 5.0) == 15.0
     assert scaled(second, 5.0) == 15.0
     assert [*folder.iterdir()] == [file]
-    assert file.stat() == written
+    # It was not written again, which would be another file of this name.
+    assert file.stat().st_ino == written.st_ino
 
 
 def test_a_module_with_another_number_is_another_file(folder: Path) -> None:
@@ -132,3 +134,26 @@ def test_a_description_of_somebody_else_is_expanded_each_time(
     path.write_text("<robot name='r'/>", "utf-8")
     description._expand(str(path), ())
     assert [*folder.iterdir()] == []
+
+
+def test_what_no_run_has_used_for_long_is_forgotten(folder: Path) -> None:
+    values = (("visuals", "false"),)
+    description._expand(str(XACRO), values)
+    machine.translate(scaling(3.0))
+    kept = {*folder.iterdir()}
+    unused = folder / "unused"
+    unused.touch()
+    long_ago = time.time() - 86400.0 * (objects.UNUSED_DAYS + 1.0)
+    for file in folder.iterdir():
+        os.utime(file, (long_ago, long_ago))
+    description._expand(str(XACRO), values)
+    machine.translate(scaling(3.0))
+    objects.forget_unused(folder)
+    assert {*folder.iterdir()} == kept
+
+
+def test_a_folder_to_which_others_may_write_is_not_private(tmp_path: Path) -> None:
+    tmp_path.chmod(0o700)
+    assert objects.is_private(tmp_path)
+    tmp_path.chmod(0o777)
+    assert not objects.is_private(tmp_path)
