@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import os
 import signal
@@ -52,10 +53,11 @@ def _shared_folder(config: pytest.Config) -> Path:
     """
     cache = getattr(config, "cache", None)
     if cache is not None:
-        folder = Path(cache.mkdir("cranedyn-objects"))
-        if objects.is_private(folder):
-            objects.forget_unused(folder)
-            return folder
+        with contextlib.suppress(OSError):  # a checkout may be there to be read only
+            folder = Path(cache.mkdir("cranedyn-objects"))
+            if objects.is_private(folder) and os.access(folder, os.W_OK):
+                objects.forget_unused(folder)
+                return folder
     temporary = tempfile.TemporaryDirectory(prefix="cranedyn-objects-")
     config.add_cleanup(temporary.cleanup)
     return Path(temporary.name)
