@@ -1,24 +1,54 @@
-"""What compilers make, shared by all processes of a test run: the same code is compiled once.
+"""What is made from text alone, shared by all processes of a test run: it is made once.
 
 Half of the processor time of the tests of compiled code is LLVM's, and most of what it translates
 it has translated before, in another process: each worker and each mutation compiles the same loops.
 LLVM's object file of a module is kept under a digest of its text. Whatever changes the code that is
 made, such as a mutation, changes the text.
+
+The same holds of descriptions: xacro takes a third of a second of the processor for a crane with
+its looks, and each process asks for the same cranes. An expansion is kept under a digest of the
+xacro files, of its values and of the module that expands them.
 """
 
 from __future__ import annotations
 
+import contextlib
 import fcntl
 import functools
 import hashlib
+import importlib.metadata
 import os
+import sys
 import threading
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
 FOLDER = "CRANEDYN_TEST_OBJECTS"
 """Name of the environment variable with the folder that the processes share."""
+
+
+UNUSED_DAYS = 30.0
+"""Days after which a file that no run has used is forgotten."""
+
+
+def is_private(folder: Path) -> bool:
+    """Return whether nobody but this user may write to a folder."""
+    status = folder.stat()
+    return not hasattr(os, "getuid") or (
+        status.st_uid == os.getuid() and not status.st_mode & 0o022
+    )
+
+
+def forget_unused(folder: Path) -> None:
+    """Remove the files of a shared folder that no run has used for `UNUSED_DAYS`."""
+    last = time.time() - 86400.0 * UNUSED_DAYS
+    for file in folder.iterdir():
+        # Another run may remove it at the same time.
+        with contextlib.suppress(FileNotFoundError):
+            if file.stat().st_mtime < last:
+                file.unlink()
 
 
 def made_once(name: str, make: Callable[[Path], object]) -> Path:
@@ -35,6 +65,7 @@ def made_once(name: str, make: Callable[[Path], object]) -> Path:
             draft = Path(f"{file}.draft")
             make(draft)
             draft.replace(file)
+    file.touch()
     return file
 
 
@@ -49,10 +80,50 @@ class _Text:
 
 
 def share(folder: Path) -> None:
+    """Let compilers and xacro keep in a folder what they make, and take it from there.
+
+    It must be called before anything imports the functions that are replaced.
+    """
+    _share_machine_code(folder)
+    _share_descriptions(folder)
+
+
+def _share_descriptions(folder: Path) -> None:
+    """Let `description._expand` keep expansions of the files of this project in a folder, and take
+    them from there. These files read nothing but each other.
+    """
+    from cranedyn.model import description
+
+    expand = description._expand
+
+    @functools.wraps(expand)
+    def expand_once(
+        path: str,
+        mappings: tuple[tuple[str, str], ...],
+        packages: Mapping[str, str | Path] | None = None,
+    ) -> str:
+        ours = description.XACRO.parent
+        if Path(path).parent != ours:
+            return expand(path, mappings, packages)
+        sources = sorted([*ours.glob("*.xacro"), Path(description.__file__)])
+        name = _digest_of(
+            Path(path).name,
+            repr(mappings),
+            *(source.read_text("utf-8") for source in sources),
+            importlib.metadata.version("xacro"),
+            sys.version,
+        )
+        file = folder / f"{name}.urdf"
+        if not file.exists():
+            _write(file, expand(path, mappings, packages).encode())
+        return _used(file).decode()
+
+    description._expand = expand_once
+
+
+def _share_machine_code(folder: Path) -> None:
     """Let `machine.translate` and `machine.object_code` keep object files in a folder, and take
     them from there.
-
-    It must be called before anything imports these functions.
     """
     # NumPy comes along, and must not be imported before its settings.
     from llvmlite import binding
@@ -92,7 +163,7 @@ def share(folder: Path) -> None:
         with lock:
             if not file.exists():
                 _writer(file)(None, object_code(module, triple, features))
-        return file.read_bytes()
+        return _used(file)
 
     machine.translate = translate_once
     machine.object_code = object_code_once
@@ -111,8 +182,7 @@ def _digest(text: str, *options: str) -> str:
 
     from cranedyn.compiled import machine
 
-    digest = hashlib.sha256()
-    parts = (
+    return _digest_of(
         text,
         *options,
         Path(machine.__file__).read_text("utf-8"),
@@ -120,6 +190,11 @@ def _digest(text: str, *options: str) -> str:
         binding.get_host_cpu_name(),
         binding.get_host_cpu_features().flatten(),
     )
+
+
+def _digest_of(*parts: str) -> str:
+    """Return a digest of texts and of where one ends and the next begins."""
+    digest = hashlib.sha256()
     for part in parts:
         digest.update(part.encode())
         digest.update(b"\0")
@@ -130,18 +205,28 @@ def _writer(file: Path) -> Callable[[Any, bytes], None]:
     """Return a function that LLVM calls with an object file that it has made."""
 
     def write(_: Any, content: bytes) -> None:
-        # Another process may write the same, and must not read a part.
-        draft = file.with_name(f"{file.name}.{os.getpid()}")
-        draft.write_bytes(content)
-        draft.replace(file)
+        _write(file, content)
 
     return write
+
+
+def _write(file: Path, content: bytes) -> None:
+    """Write a file of which another process never sees a part; it may write the same."""
+    draft = file.with_name(f"{file.name}.{os.getpid()}.{threading.get_ident()}")
+    draft.write_bytes(content)
+    draft.replace(file)
 
 
 def _reader(file: Path) -> Callable[[Any], bytes | None]:
     """Return a function that LLVM asks for an object file before it makes one."""
 
     def read(_: Any) -> bytes | None:
-        return file.read_bytes() if file.exists() else None
+        return _used(file) if file.exists() else None
 
     return read
+
+
+def _used(file: Path) -> bytes:
+    """Return the content of a file, and keep it from being forgotten."""
+    file.touch()
+    return file.read_bytes()

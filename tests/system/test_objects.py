@@ -1,9 +1,11 @@
-"""Machine code that the processes of a test run share, see `tests.objects`."""
+"""What the processes of a test run share, see `tests.objects`."""
 
 from __future__ import annotations
 
 import inspect
 import os
+import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +13,8 @@ import pytest
 from llvmlite import ir
 
 from cranedyn.compiled import machine
+from cranedyn.model import description
+from cranedyn.model.description import XACRO
 from tests import objects
 
 
@@ -41,6 +45,7 @@ def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     # The functions without the folder of this run, which are put back at the end.
     monkeypatch.setattr(machine, "translate", inspect.unwrap(machine.translate))
     monkeypatch.setattr(machine, "object_code", inspect.unwrap(machine.object_code))
+    monkeypatch.setattr(description, "_expand", inspect.unwrap(description._expand))
     objects.share(tmp_path)
     return tmp_path
 
@@ -55,7 +60,8 @@ def test_a_module_that_was_translated_is_taken_from_its_file_and_computes_the_sa
     assert scaled(first, 5.0) == 15.0
     assert scaled(second, 5.0) == 15.0
     assert [*folder.iterdir()] == [file]
-    assert file.stat() == written
+    # It was not written again, which would be another file of this name.
+    assert file.stat().st_ino == written.st_ino
 
 
 def test_a_module_with_another_number_is_another_file(folder: Path) -> None:
@@ -89,3 +95,65 @@ def test_what_was_made_once_is_not_made_again(
     assert file.read_text() == "content"
     assert len(made) == 1
     assert os.path.dirname(file) == str(tmp_path)
+
+
+def test_a_description_that_was_expanded_is_taken_from_its_file_and_reads_the_same(
+    folder: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = (("visuals", "false"), ("payload_mass", "1234.0"))
+    first = description._expand(str(XACRO), values)
+    assert first == inspect.unwrap(description._expand)(str(XACRO), values)
+    (file,) = folder.iterdir()
+    monkeypatch.setattr("xacro.process_file", None)
+    assert description._expand(str(XACRO), values) == first
+    assert [*folder.iterdir()] == [file]
+
+
+def test_other_values_and_other_sources_are_another_description(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    values = (("visuals", "false"),)
+    usual = description._expand(str(XACRO), values)
+    assert description._expand(str(XACRO), (*values, ("payload_mass", "1234.0"))) != usual
+    own = tmp_path_factory.mktemp("own") / XACRO.name
+    for source in XACRO.parent.glob("*.xacro"):
+        shutil.copy(source, own.parent)
+    text = own.read_text("utf-8")
+    assert text.count('name="payload_mass" default="1000.0"') == 1
+    changed = text.replace('"payload_mass" default="1000.0"', '"payload_mass" default="999.0"')
+    own.write_text(changed, "utf-8")
+    monkeypatch.setattr(description, "XACRO", own)
+    assert '<mass value="999.0"/>' in description._expand(str(own), values)
+    assert len([*folder.iterdir()]) == 3
+
+
+def test_a_description_of_somebody_else_is_expanded_each_time(
+    folder: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    path = tmp_path_factory.mktemp("theirs") / "r.xacro"
+    path.write_text("<robot name='r'/>", "utf-8")
+    description._expand(str(path), ())
+    assert [*folder.iterdir()] == []
+
+
+def test_what_no_run_has_used_for_long_is_forgotten(folder: Path) -> None:
+    values = (("visuals", "false"),)
+    description._expand(str(XACRO), values)
+    machine.translate(scaling(3.0))
+    kept = {*folder.iterdir()}
+    unused = folder / "unused"
+    unused.touch()
+    long_ago = time.time() - 86400.0 * (objects.UNUSED_DAYS + 1.0)
+    for file in folder.iterdir():
+        os.utime(file, (long_ago, long_ago))
+    description._expand(str(XACRO), values)
+    machine.translate(scaling(3.0))
+    objects.forget_unused(folder)
+    assert {*folder.iterdir()} == kept
+
+
+def test_a_folder_to_which_others_may_write_is_not_private(tmp_path: Path) -> None:
+    tmp_path.chmod(0o700)
+    assert objects.is_private(tmp_path)
+    tmp_path.chmod(0o777)
+    assert not objects.is_private(tmp_path)

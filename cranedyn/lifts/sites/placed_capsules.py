@@ -10,7 +10,7 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
+from functools import cache, cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -474,7 +474,22 @@ def group_shapes(shapes: list[np.ndarray]) -> list[np.ndarray]:
     """
     if not shapes:
         return []
-    groups = [shapes]
+    corners = np.concatenate(shapes, dtype=float)
+    groups = _group_shapes_cached(corners.tobytes(), tuple(len(shape) for shape in shapes))
+    return [group.copy() for group in groups]
+
+
+@lru_cache(maxsize=32)
+def _group_shapes_cached(corners: bytes, counts: tuple[int, ...]) -> list[np.ndarray]:
+    """Return the groups of `group_shapes`. The cranes of a site are often equal, and a site is read
+    several times; the search for the best split takes a tenth of a second.
+
+    Args:
+        corners: Corners of all shapes, one shape after the other, as float64 [m], shape (n, 3).
+        counts: Number of corners of each shape.
+    """
+    points = np.frombuffer(corners).reshape(-1, 3)
+    groups = [np.split(points, np.cumsum(counts)[:-1])]
     while len(groups) < _MAX_GROUPS:
         i = int(np.argmax([_volume(group) for group in groups]))
         volume, halves = _best_cut(groups[i])

@@ -48,6 +48,12 @@ def towers() -> CraneSite:
     return read_crane_site("two_towers")
 
 
+@cache
+def example_shift() -> ShiftPlan:
+    """Return the plan of the example shift, in which a crane waits for the other."""
+    return plan_shift(read_crane_site("two_towers_shift"))
+
+
 @slow
 def test_the_lifts_of_a_file_are_read_with_all_fields_and_their_defaults(tmp_path: Path) -> None:
     panel = 'crane = "south"\nload = 800\nearliest = 60\nafter = ["formwork"]\n'
@@ -227,8 +233,8 @@ def test_a_lift_with_a_point_that_is_no_point_is_refused() -> None:
 
 @slow
 def test_a_shift_whose_loads_miss_their_places_or_whose_plan_is_disturbed_fails() -> None:
-    site = read_crane_site("two_towers_shift")
-    shift = plan_shift(site)
+    shift = example_shift()
+    site = shift.plan.site
     run = simulate_site(site, shift.plan.operators(), duration=shift.duration + 1.0)
     assert all(check.holds is not False for check in shift_checks(shift, run))
 
@@ -255,7 +261,7 @@ def test_a_shift_whose_loads_miss_their_places_or_whose_plan_is_disturbed_fails(
 @slow
 def test_a_crane_that_waits_says_which_bodies_would_meet_and_where() -> None:
     """Both jibs cross over the same place; the words name bodies of both cranes beside it."""
-    shift = plan_shift(read_crane_site("two_towers_shift"))
+    shift = example_shift()
     (waiting,) = [planned for planned in shift.lifts if planned.waited]
     other = {"north": "south", "south": "north"}[waiting.crane]
     assert f" of {waiting.crane} would come too near to the " in waiting.waits_for
