@@ -243,6 +243,7 @@ class Chart:
         counterweight: Counterweight for which the chart is made [kg]; None if it does not say.
         outriggers: Distance of neighbouring outriggers for which it is made [m]; None if it does
             not say, or the crane has none.
+        example: Whether its numbers are an example and of no real crane.
     """
 
     name: str
@@ -251,6 +252,7 @@ class Chart:
     between_booms: BetweenBooms = "smaller"
     counterweight: float | None = None
     outriggers: float | None = None
+    example: bool = False
 
     @property
     def counts(self) -> list[int]:
@@ -487,7 +489,8 @@ def read_chart(path: str | Path) -> Chart:
     For a boom of several lengths there is a table `[[falls]]` for each length with `boom` [m], or
     one with `table`, a CSV file in the folder of the chart, see
     `cranedyn.lifts.judging.boom_table`, and its `unit`, "kg" or "t". The file may also have
-    `between_booms`, see `BetweenBooms`, `counterweight` [kg] and `outriggers` [m], see `Chart`.
+    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m] and `example`, see
+    `Chart`.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
@@ -519,10 +522,11 @@ def read_chart(path: str | Path) -> Chart:
         between,  # type: ignore[arg-type]
         top.optional_number("counterweight", "kg", ">= 0"),
         top.optional_number("outriggers", "m", "> 0"),
+        example=top.flag("example"),
     )
 
 
-_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers")
+_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "example")
 """Fields of a chart beside its name and its tables [[falls]]."""
 
 _FALLS_FIELDS = ("count", "boom", "radii", "loads", "least", "rated", "table", "unit")

@@ -15,6 +15,7 @@ from cranedyn.lifts.planning.plan_details import (
     CraneDocuments,
     GroundDetails,
     Job,
+    LiftInShift,
     LoadDetails,
     People,
     PlanDetails,
@@ -63,6 +64,9 @@ LIMIT_FIELDS = _fields_of(SiteLimits)
 
 SAFETY_FIELDS = ("exclusion", "contingency")
 """Fields of [safety]."""
+
+SHIFT_FIELDS = _fields_of(LiftInShift)
+"""Fields of [shift]."""
 
 
 def rigging_tables(rigging: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
@@ -120,7 +124,16 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         limits=_limits(tables["limits"]),
         exclusion=safety.optional_text("exclusion"),
         contingency=safety.texts("contingency"),
+        shift=_shift(tables["shift"]),
     )
+
+
+def _shift(shift: SiteTable) -> LiftInShift | None:
+    """Return what the plan of a shift says of the lift; None if it is of none."""
+    if not shift.values:
+        return None
+    texts = tuple(field for field in SHIFT_FIELDS if field != "others")
+    return LiftInShift(**_texts(shift, texts), others=shift.texts("others"))  # type: ignore[arg-type]
 
 
 def _texts(table: SiteTable, fields: tuple[str, ...]) -> dict[str, str | None]:

@@ -16,7 +16,7 @@ from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.boom import boom_length, boom_of, telescope_at
-from cranedyn.lifts.planning.crane_bodies import neighbour
+from cranedyn.lifts.planning.crane_bodies import neighbour, parked_position
 from cranedyn.lifts.planning.details_file import (
     CRANE_FIELDS,
     GROUND_FIELDS,
@@ -26,6 +26,7 @@ from cranedyn.lifts.planning.details_file import (
     PEOPLE_FIELDS,
     RIGGING_FIELDS,
     SAFETY_FIELDS,
+    SHIFT_FIELDS,
     details_of,
     rigging_masses,
     rigging_tables,
@@ -54,6 +55,7 @@ from cranedyn.lifts.planning.site_table import (
     positions_of,
 )
 from cranedyn.lifts.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.machines import machine_names
 from cranedyn.references.limits import Limits
@@ -464,8 +466,12 @@ _FIELDS = {
     "rigging": [*RIGGING_FIELDS],
     "limits": [*LIMIT_FIELDS],
     "safety": [*SAFETY_FIELDS],
+    "shift": [*SHIFT_FIELDS],
 }
 """Tables of a site beside its obstacles, with their fields."""
+
+SITE_TABLES = tuple(name for name in _FIELDS if name != "shift")
+"""Names of the tables that somebody may enter; [shift] is written by the plan of a shift."""
 
 
 def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
@@ -758,16 +764,46 @@ def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _neighbour(entry: SiteTable, ground: float) -> list[Solid]:
-    """Return a parked crane with its rope and hook."""
+    """Return a parked crane with its rope and hook, see `_parked` for where its drives stand."""
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
-    drive_position = {
-        "slew": entry.number("slew", 0.0, "degrees"),
-        "trolley": entry.number("trolley", 0.0, "m"),
-        "cable": entry.number("cable", 0.0, "m"),
-    }
     values = entry.take("values", crane_values, {})
-    heading = entry.angle("heading", -math.pi / 2.0)
-    return neighbour(entry.text("name"), position, heading, drive_position, values)
+    description = _description(entry) or DescribedCrane(kind="tower")
+    heading = entry.angle("heading", CRANE_HEADING)
+    crane = description.load(values)
+    return neighbour(
+        entry.text("name"),
+        crane,
+        _parked(entry, crane),
+        position,
+        heading,
+        standing=not entry.flag("on_runway"),
+    )
+
+
+def _parked(entry: SiteTable, crane: Crane) -> np.ndarray:
+    """Return the coordinates of a neighbour, shape (n,): with its drives at the positions that it
+    enters as `drives`, in degrees where they turn, or, of a tower crane, as `slew`, `trolley` and
+    `cable`, of which 0 means where the crane starts.
+    """
+    driven = crane.layout.driven
+    if "drives" in entry.values:
+        for field in ("slew", "trolley", "cable"):
+            if field in entry.values:
+                entry.fail(field, "drives is given, too; leave one out.")
+        units = ["degrees" if joint.kind == "revolute" else "m" for joint in driven]
+        entered = entry.numbers("drives", len(driven), units=units)
+        positions = []
+        for joint, value in zip(driven, entered, strict=True):
+            positions.append(math.radians(value) if joint.kind == "revolute" else value)
+        return parked_position(crane, positions)
+    coordinates = {
+        "gamma": entry.angle("slew"),
+        "x": entry.number("trolley", 0.0, "m"),
+        "l": entry.number("cable", 0.0, "m"),
+    }
+    # 0 need not be in the range of a drive.
+    given = {symbol: value for symbol, value in coordinates.items() if value}
+    return crane.state(**given).q
 
 
 SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] = {
@@ -777,7 +813,10 @@ SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] =
     "ifc": (["file", "position", "yaw", "hull"], _ifc),
     "keep_out": (["name", "outline", "base", "height"], _zone),
     "neighbour": (
-        ["name", "position", "heading", "slew", "trolley", "cable", "values"],
+        [
+            *("name", "position", "heading", "slew", "trolley", "cable", "values"),
+            *("kind", "file", "machine", "driven", "locked", "drives", "on_runway"),
+        ],
         _neighbour,
     ),
 }
