@@ -27,14 +27,15 @@ LIFTS = 10_000
 """Number of perturbed lifts where none is given."""
 
 GUSTS = 32
-"""Number of gusts at each speed where none is given."""
+"""Number of gusts drawn at the wind limit where none is given."""
 
 COARSE_LIFTS = 400
 """Perturbed lifts of a case of a comparison where none are given. Without a failure they show a
 probability of one of 0.92 % at most, just below the 1 % that is usually allowed."""
 
 COARSE_GUSTS = 2
-"""Gusts at each speed in a case of a comparison where none are given."""
+"""Gusts drawn at the wind limit in a case of a comparison where none are given. The limit rests on
+the gusts that are always tried; few that are drawn say little besides."""
 
 
 def comparison_asked_for(options: argparse.Namespace) -> bool:

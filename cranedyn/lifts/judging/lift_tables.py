@@ -24,7 +24,14 @@ from cranedyn.lifts.judging.plan_tables import (
     wind_bounds_table,
 )
 from cranedyn.lifts.judging.table import Row, Table
-from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
+from cranedyn.lifts.judging.wind_limit import (
+    DIRECTIONS,
+    DURATIONS,
+    FAILED_SHARE,
+    GUST_FACTOR,
+    STEP,
+    WindLimit,
+)
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
@@ -35,6 +42,9 @@ CREEP_SHARE = 0.1
 
 _SECOND_HAND = "second hand"
 """Source of what a standard demands: other texts that quote it, not the standard itself."""
+
+_SHOWN_SPEEDS = 4.0
+"""Speeds of which the table of winds shows every multiple [m/s]."""
 
 _NOT_JUDGED = "not judged"
 """What stands in place of a number that was not computed."""
@@ -390,6 +400,8 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
+        if not _is_shown(speed, limit):
+            continue
         failed = worst["utilisation"][i] > FAILED_SHARE
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
@@ -411,11 +423,33 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
         ("beyond its limit", ""),
     ]
     note = (
-        f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
-        "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
-        f"0.625 v², AS 5222:2021, {_SECOND_HAND}.{source_note}"
+        f"{limit_text(limit)} The worst of {limit.lifts} lifts in all, wind on the load alone. "
+        "Clearance: at least. A gust rises from a mean wind of "
+        f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}."
+        f"{source_note}"
     )
     return Table("Wind", columns, rows, note)
+
+
+def _is_shown(speed: float, limit: WindLimit) -> bool:
+    """Return whether the table of winds has a row for a speed [m/s]: every fourth one, and those
+    about the limit.
+    """
+    return speed % _SHOWN_SPEEDS == 0.0 or abs(speed - limit.limit()) <= 2.0
+
+
+def limit_text(limit: WindLimit) -> str:
+    """Return what the limit of a load in wind rests on, in sentences."""
+    shortest, longest = min(DURATIONS), max(DURATIONS)
+    if limit.limit() == 0.0:
+        return f"The weakest gust that is tried, {STEP:g} m/s, breaks a limit."
+    return (
+        f"At {limit.limit():g} m/s none of {limit.at_limit} gusts breaks a limit: a grid from "
+        f"{DIRECTIONS} sides, {shortest:g} to {longest:g} s long, beginning at any time of the "
+        "lift, others about the worst of the grid, which do not depend on chance, and "
+        f"{limit.drawn} drawn at random, by which, with {100.0 * CONFIDENCE:g} % confidence, at "
+        f"most {100.0 * limit.largest_share:.2g} % of such gusts do."
+    )
 
 
 def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:

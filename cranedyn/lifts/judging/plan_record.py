@@ -105,7 +105,7 @@ class PlanOptions:
         risk: Largest probability that a perturbed lift comes nearer to an obstacle than the site
             allows [%]; None for that of the site.
         lifts: Number of perturbed lifts, see `MAX_LIFTS`.
-        gusts: Number of gusts at each speed.
+        gusts: Number of gusts that are drawn at the wind limit.
         gravity: Gravity [m/s²].
         dt: Physics step [s].
         control_period: Control period [s].
