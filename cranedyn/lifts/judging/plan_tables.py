@@ -113,7 +113,9 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     for step in lift_steps(analysis):
         times = f"{step.begins:.0f} to {step.ends:.0f}"
         place = place_text(step.place)
-        rows.append([step.positions, times, step.action, step.speeds or "-", place, speaks])
+        action = ". ".join(step.movements)
+        speeds = ", ".join(step.speeds) or "-"
+        rows.append([step.positions, times, action, speeds, place, speaks])
     columns = [
         ("positions", ""),
         ("time [s]", ""),

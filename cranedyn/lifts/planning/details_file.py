@@ -7,9 +7,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import get_args
 
-from cranedyn.errors import UnknownName
 from cranedyn.lifts.planning.plan_details import (
     WEIGHT_SOURCES,
     CraneDocuments,
@@ -162,7 +161,7 @@ def _load(load: SiteTable) -> LoadDetails:
     """Return what is known of the load beside its mass and its size."""
     centre = load.optional_numbers("centre", 3, allowed=POINT_RANGE)
     return LoadDetails(
-        source=_choice(load, "source", WEIGHT_SOURCES),
+        source=load.optional_choice("source", WEIGHT_SOURCES),
         centre=None if centre is None else (centre[0], centre[1], centre[2]),
         lifting_points=load.points("lifting_points"),
         area=load.optional_number("area", "m²", "> 0"),
@@ -174,7 +173,7 @@ def _slings(slings: SiteTable) -> Slings:
     """Return the slings; the file gives their angle in degrees from the vertical."""
     angle = slings.optional_number("angle", "degrees", "0 to 85")
     return Slings(
-        type=_choice(slings, "type", SLING_TYPES),
+        type=slings.optional_choice("type", SLING_TYPES),
         number=slings.whole("number") if "number" in slings.values else None,
         angle=None if angle is None else math.radians(angle),
         length=slings.optional_number("length", "m", "> 0"),
@@ -217,11 +216,3 @@ def _limits(limits: SiteTable) -> SiteLimits:
         over_services=limits.optional_flag("over_services"),
         blind=limits.optional_flag("blind"),
     )
-
-
-def _choice(table: SiteTable, field: str, allowed: tuple[Any, ...]) -> Any:
-    """Return a text that is one of several; None if it is left out."""
-    value = table.optional_text(field)
-    if value is not None and value not in allowed:
-        table.fail(field, UnknownName(field, value, allowed))
-    return value

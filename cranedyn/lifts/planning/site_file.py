@@ -31,6 +31,7 @@ from cranedyn.lifts.planning.details_file import (
     rigging_masses,
     rigging_tables,
 )
+from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
     CRANE_HEADING,
@@ -73,8 +74,8 @@ their lifts, which would be those of `EXAMPLES` again."""
 SITE_EXAMPLES = (*EXAMPLES, *PLAN_EXAMPLES)
 """Names of all sites that come with the package."""
 
-CHART_EXAMPLES = ("laboratory", "mct88")
-"""Names of the example charts: of this project's crane, and points of a maker's sheet."""
+CHART_EXAMPLES = ("laboratory", "mct88", "terex_rt335", "terex_rt665")
+"""Names of the example charts: of this project's crane, which is none, and of makers' sheets."""
 
 UNBOUNDED = 1e4
 """Height of a zone that enters none [m]: higher than any crane."""
@@ -178,9 +179,7 @@ def _description(crane: SiteTable) -> DescribedCrane | None:
         named_crane[field] = _description_file(crane)
     else:
         known = KINDS if field == "kind" else machine_names()
-        named_crane[field] = crane.text(field)
-        if named_crane[field] not in known:
-            crane.fail(field, UnknownName(field, named_crane[field], known))
+        named_crane[field] = crane.choice(field, known)
     driven = crane.take("driven", names_of, [])
     locked = crane.take("locked", positions_of, {})
     return DescribedCrane(**named_crane, driven=tuple(driven), locked=locked)
@@ -394,7 +393,7 @@ def chart_of(crane: SiteTable) -> Path | str | None:
         return name
     file = crane.file("chart")
     if name.isidentifier() and not file.exists():
-        known = " and ".join(CHART_EXAMPLES)
+        known = in_words(CHART_EXAMPLES)
         crane.fail(
             "chart",
             f"{quoted(name)} is neither a file beside the site nor an example chart; the examples "
@@ -615,9 +614,7 @@ def _base(base: SiteTable, description: DescribedCrane | None) -> Base | None:
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
     is_mobile = description is not None and description.kind == "mobile"
-    along = base.text("along", "crane" if is_mobile else "site")
-    if along not in ("crane", "site"):
-        base.fail("along", UnknownName("way to lie", along, ("crane", "site")))
+    along = base.choice("along", ("crane", "site"), "crane" if is_mobile else "site", "way to lie")
     return Base(spacing, mass, permitted, turns_with_crane=along == "crane")
 
 

@@ -327,11 +327,8 @@ def _kind(entry: SiteTable) -> str:
     """Return the kind of a crane of this project, from the field `kind` or `model`."""
     field = "model" if "model" in entry.values else "kind"
     ending = _MODEL_ENDING if field == "model" else ""
-    given = entry.text(field, _DEFAULT_KIND + ending)
     known = [kind + ending for kind in KINDS]
-    if given not in known:
-        entry.fail(field, f"{quoted(given)} is not one of {', '.join(known)}.")
-    return given.removesuffix(ending)
+    return entry.choice(field, known, _DEFAULT_KIND + ending).removesuffix(ending)
 
 
 def _has_own_brakes(entry: SiteTable) -> bool:

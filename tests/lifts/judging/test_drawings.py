@@ -24,13 +24,13 @@ from cranedyn.lifts.judging.drawings import LiftScene, NoDxf, sheets, write_draw
 from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Label, Polyline
 from cranedyn.lifts.judging.drawings.labels import place_texts, text_width
 from cranedyn.lifts.judging.drawings.outlines import crane_shapes
-from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack, sling_height
-from cranedyn.lifts.judging.drawings.sequence import steps_of
+from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack
 from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
 from cranedyn.lifts.judging.numbered_positions import end_names
 from cranedyn.lifts.judging.report_page import _sheets_or_reason
+from cranedyn.lifts.judging.sequence import motion_steps
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
     LoadDetails,
@@ -38,6 +38,7 @@ from cranedyn.lifts.planning.plan_details import (
     Slings,
     Spreader,
 )
+from cranedyn.lifts.planning.rigging import rigging_height, sling_height
 from cranedyn.lifts.planning.site_file import SITES, read_site
 from cranedyn.lifts.planning.solids import box, prism
 from tests.lifts.judging.test_judgement import small
@@ -235,8 +236,8 @@ def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_the_steps_of_the_sequence_add_up_to_the_lift() -> None:
-    steps = steps_of(scene())
-    assert [step.number for step in steps] == list(range(2, len(scene().positions) + 1))
+    steps = motion_steps(scene().analysis, scene().positions)
+    assert [step.last for step in steps] == list(range(2, len(scene().positions) + 1))
     for before, after in itertools.pairwise(steps):
         assert before.ends == after.begins
     text = " ".join(sentence for step in steps for sentence in step.movements)
@@ -251,10 +252,12 @@ def test_the_cross_section_of_a_bridge_is_the_plane_of_its_trolley() -> None:
 
 
 def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:
-    points = ((-1.0, -0.5, 0.75), (1.0, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
+    points = ((-1.0, -0.5, 0.75), (1.2, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
     angle = math.radians(30.0)
     details = PlanDetails(load=LoadDetails(lifting_points=points), slings=Slings(angle=angle))
-    assert sling_height(details) == pytest.approx(math.hypot(1.0, 0.5) / math.tan(angle))
+    # By the farthest of the points, as the headroom of the checks is.
+    assert sling_height(details) == pytest.approx(math.hypot(1.2, 0.5) / math.tan(angle))
+    assert rigging_height(details) == sling_height(details)
     longer = replace(details, slings=Slings(angle=angle, length=4.0))
     assert sling_height(longer) == pytest.approx(4.0 * math.cos(angle))
     site = replace(small().site, details=longer)

@@ -41,6 +41,7 @@ from cranedyn.lifts.judging.drawings.swept import (
     unit_in_plan,
 )
 from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
+from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
 from cranedyn.lifts.planning.solids import Solid
@@ -138,10 +139,7 @@ class LiftScene:
         """Return the distance in plan of the load from the slew axis at a position [m]; None for a
         crane that does not turn.
         """
-        shape = self.shapes[index]
-        if shape.axis is None:
-            return None
-        return float(np.linalg.norm((shape.centre - shape.axis)[:2]))
+        return radius_of_load(self.clearance, self.positions[index].place)
 
     def hook_height(self, index: int) -> float:
         """Return the height of the saddle of the hook above the ground at a position [m]: from the
