@@ -27,7 +27,12 @@ from cranedyn.lifts.judging.drawings.outlines import crane_shapes
 from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack
 from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
-from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
+from cranedyn.lifts.judging.drawings.views import (
+    MAX_NAMED,
+    across_runway,
+    elevation_view,
+    plan_view,
+)
 from cranedyn.lifts.judging.numbered_positions import end_names
 from cranedyn.lifts.judging.report_page import _sheets_or_reason
 from cranedyn.lifts.judging.sequence import motion_steps
@@ -317,3 +322,20 @@ def test_a_roof_of_triangles_is_in_the_elevation_also_where_its_walls_are_not() 
     assert isinstance(name, Label) and name.text == "slab"
     heights = np.concatenate([np.array(outline.points)[:, 1] for outline in outlines])
     assert heights.min() == pytest.approx(1.0) and 1.2 <= heights.max() <= 1.26
+
+
+def test_of_many_obstacles_the_nearest_and_the_zones_are_named_and_all_are_drawn() -> None:
+    analysis = small()
+    far = [box(f"part {i}", (40.0 + 3.0 * i, 40.0), (1.0, 1.0, 3.0), 0.0) for i in range(20)]
+    zone = prism("street", np.array([[-5.0, 45.0], [0.0, 45.0], [0.0, 49.0]]), 0.0, 6.0, zone=True)
+    site = replace(analysis.site, solids=(*far, zone, *analysis.site.solids))
+    scene = LiftScene.of(replace(analysis, site=site))
+    known = {solid.name for solid in analysis.site.solids}
+    assert known <= scene.named and "street" in scene.named
+    assert len(scene.named) == MAX_NAMED + 1
+    drawing = plan_view(scene)
+    texts = [one.text for one in drawing.primitives if isinstance(one, Label)]
+    assert sum(text.startswith("part ") for text in texts) == MAX_NAMED - len(known)
+    outlines = [one for one in drawing.primitives if isinstance(one, Polyline)]
+    assert sum(one.layer == "obstacles" for one in outlines) >= 20 + len(known)
+    assert any("more are drawn" in note for note in drawing.notes)
