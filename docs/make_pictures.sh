@@ -80,7 +80,7 @@ for page in ("tutorial/first_lift.md",):
 PYTHON
 "$python" -m experiments.lift_report --site "$work/first_lift.toml" --lifts 50 --gusts 1 --out "$work/first_lift" || test $? = 1  # no go
 "$python" -m experiments.lift --site "$work/first_lift.toml" --lifts 0 --out "$work/first_lift_site" || test $? = 1  # risk not judged
-"$python" -m experiments.lift_report --site signed_lift --lifts 400 --gusts 2 --out "$work/signed_lift"
+"$python" -m experiments.lift_report --site signed_lift --lifts 1000 --out "$work/signed_lift"
 "$python" - "$work" <<'PYTHON'
 import io
 import shutil
