@@ -210,8 +210,8 @@ def _note(plan: PlanOptions, key: str) -> str:
         sentences.append("No gusts were tried, so that no case is a GO.")
     elif plan.gusts < GUSTS:
         sentences.append(
-            f"Coarse: {plan.gusts} gusts are drawn at each wind limit, where a lift plan has {GUSTS}; "
-            "the limit rests on those that are always tried."
+            f"Coarse: {plan.gusts} gusts are drawn at each wind limit, where a lift plan has "
+            f"{GUSTS}; the limit rests on those that are always tried."
         )
     return " ".join(sentences)
 
