@@ -370,22 +370,36 @@ def _template(parser: _Parser) -> None:
     Example: cranedyn template site yard.toml
     """
     from cranedyn.lifts.planning.file_templates import TEMPLATES
+    from cranedyn.lifts.planning.site_file import CHART_EXAMPLES
 
     kinds = "; ".join(f"{name}: {meaning}" for name, meaning in TEMPLATES.items())
     add = parser.add_argument
     add("kind", choices=tuple(TEMPLATES), metavar="KIND", help=kinds)
     text = "where to write; it must not be there yet, by default KIND.toml"
     add("file", nargs="?", type=Path, metavar="FILE.toml", help=text)
+    text = f"with chart: instead a chart that comes with the package: {', '.join(CHART_EXAMPLES)}"
+    add("--of", choices=CHART_EXAMPLES, metavar="CHART", help=text)
     parser.set_defaults(run=_run_template)
 
 
 def _run_template(options: argparse.Namespace) -> int:
     """Write the template, say how to go on, and return the exit code."""
-    from cranedyn.lifts.planning.file_templates import write_file_template
+    from cranedyn.lifts.planning.file_templates import write_file_template, write_new_file
 
     file = options.file or Path(f"{options.kind}.toml")
-    write_file_template(options.kind, file)
-    print(f"Written to {file}. All values in it are examples: enter yours.")
+    if options.of is None:
+        write_file_template(options.kind, file)
+        print(f"Written to {file}. All values in it are examples: enter yours.")
+    elif options.kind == "chart":
+        from cranedyn.data.files import read_text
+        from cranedyn.lifts.judging.chart import CHARTS
+
+        write_new_file(file, read_text(CHARTS / f"{options.of}.toml"))
+        print(f"Written to {file}. Compare every number with the chart of your machine.")
+    else:
+        from cranedyn.errors import CraneError
+
+        raise CraneError(f"--of is for a chart; a template of {options.kind} has none.")
     remark = "  # once it is filled in"
     if options.kind == "site":
         look = command_line("cranedyn", "drive", "--site", file)

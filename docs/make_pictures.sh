@@ -80,7 +80,7 @@ for page in ("tutorial/first_lift.md",):
 PYTHON
 "$python" -m experiments.lift_report --site "$work/first_lift.toml" --lifts 50 --gusts 1 --out "$work/first_lift" || test $? = 1  # no go
 "$python" -m experiments.lift --site "$work/first_lift.toml" --lifts 0 --out "$work/first_lift_site" || test $? = 1  # risk not judged
-"$python" -m experiments.lift_report --site signed_lift --lifts 400 --gusts 2 --out "$work/signed_lift"
+"$python" -m experiments.lift_report --site signed_lift --lifts 1000 --out "$work/signed_lift"
 "$python" - "$work" <<'PYTHON'
 import io
 import shutil
@@ -116,6 +116,13 @@ simulate_site(plan.site, plan.operators(), duration=plan.duration + 5).record(sy
 PYTHON
 "$python" -m experiments.snapshot "$work/site.rrd" -t 36 --size 1200 640 -o "$work"
 mv "$work/site-36s.png" docs/pictures/several_cranes.png
+# The building models of docs/howto/real_sites.md are not in the repository.
+if test -f examples/real_sites/AC20-FZK-Haus.ifc; then
+  "$python" -m experiments.lift_report --site examples/real_sites/house.toml --lifts 0 --gusts 0 --out "$work/house" || test $? = 1  # risk not judged
+  pdftoppm -r 70 -f 2 -l 2 -singlefile -png "$work/house/lift.pdf" docs/pictures/real_house
+  "$python" -m experiments.site --site examples/real_sites/office_and_house.toml --out "$work/real_site"
+  mv "$work/real_site/timetable.png" docs/pictures/real_site_timetable.png
+fi
 "$python" -m experiments.lift_report --positions=-6:6:4,-4:4:3 --out "$work/places"
 mv "$work/places/places.png" docs/pictures/compare_lifts.png
 "$python" -m experiments.site --site two_towers --hours 0.02 --minutes 6 --out "$work/site" || test $? = 1  # too short for its claims

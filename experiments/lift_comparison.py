@@ -210,8 +210,8 @@ def _note(plan: PlanOptions, key: str) -> str:
         sentences.append("No gusts were tried, so that no case is a GO.")
     elif plan.gusts < GUSTS:
         sentences.append(
-            f"Coarse: {plan.gusts} gusts at each speed, where a lift plan has {GUSTS}; with fewer "
-            "gusts the wind limit may be too high."
+            f"Coarse: {plan.gusts} gusts are drawn at each wind limit, where a lift plan has "
+            f"{GUSTS}; the limit rests on those that are always tried."
         )
     return " ".join(sentences)
 

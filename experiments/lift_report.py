@@ -177,7 +177,7 @@ def _parser() -> Parser:
     add("--risk", type=float, metavar="P", help=f"{text}of the site")
     text = f"perturbed lifts, 0: not judged; {LIFTS}, in a comparison {COARSE_LIFTS}"
     add("--lifts", type=int, metavar="N", help=text)
-    text = f"gusts in each wind, 0: not judged; {GUSTS}, in a comparison {COARSE_GUSTS}"
+    text = f"gusts drawn at the wind limit, 0: not judged; {GUSTS}, in a comparison {COARSE_GUSTS}"
     add("--gusts", type=int, metavar="N", help=text)
     add_comparison(parser)
     return parser

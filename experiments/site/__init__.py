@@ -29,7 +29,7 @@ from concurrent.futures import as_completed
 from cranedyn.checks import number, whole, worker_count
 from cranedyn.errors import DataError
 from cranedyn.lifts.sites.adversaries import Attack, attacks_on
-from cranedyn.lifts.sites.crane_site_file import EXAMPLES, read_crane_site
+from cranedyn.lifts.sites.crane_site_file import EXAMPLES, crane_site_path, read_crane_site
 from cranedyn.lifts.sites.site_page import site_html
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
@@ -64,7 +64,8 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     if listed and len(sites) > 1:
         raise DataError(f"{listed[0]} lists lifts, which are planned alone; give no other --site.")
     if listed:
-        return shift_outcome(sites[0], setup)
+        source = crane_site_path(options.site[0])
+        return shift_outcome(sites[0], setup, source, options.folder if options.reports else None)
 
     searches = math.ceil(options.minutes / MAX_SEARCH_TIME)
     update = setup.reporter.count("shifts and searches", len(options.site) * (1 + searches))
@@ -129,12 +130,14 @@ def main(argv: Sequence[str] | None = None) -> int:
     add("--jobs", type=int, default=1, metavar="N", help="processes for the adversaries")
     add("--seed", type=int, default=1, help="seed of the adversaries")
     add("--cycles", type=int, default=1000, help="cycles of eight cranes")
+    text = "write a report of each lift, too, see docs/howto/several_cranes.md"
+    add("--reports", action="store_true", help=text)
     needed = "a site without [[lift]] entries"
     of_attacks = ("hours", "minutes", "jobs", "seed", "cycles")
     harness.add_condition(parser, needed, lambda options: not _lists_lifts(options), *of_attacks)
     needed = "a site with [[lift]] entries"
-    of_recordings = ("save", "view", "serve", "film")
-    harness.add_condition(parser, needed, _lists_lifts, *of_recordings)
+    of_shifts = ("save", "view", "serve", "film", "reports")
+    harness.add_condition(parser, needed, _lists_lifts, *of_shifts)
     return harness.run_experiment(parser, experiment, argv)
 
 

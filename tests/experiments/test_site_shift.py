@@ -9,6 +9,8 @@ from pathlib import Path
 
 import pytest
 
+from cranedyn.lifts.judging.plan_folder import document_checks
+from cranedyn.lifts.judging.plan_record import read_plan_record
 from cranedyn.lifts.sites.crane_site_file import SITES
 from cranedyn.lifts.sites.timetable import CSV_COLUMNS
 from experiments import site
@@ -25,8 +27,25 @@ def run_site(folder: Path, *words: str) -> int:
 def shift_folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Return the folder of the results of the example shift."""
     folder = tmp_path_factory.mktemp("shift")
-    assert run_site(folder, "--site", "two_towers_shift") == 0
+    assert run_site(folder, "--site", "two_towers_shift", "--reports") == 0
     return folder
+
+
+def test_each_lift_has_a_report_that_the_page_links_and_whose_record_verifies(
+    shift_folder: Path,
+) -> None:
+    page = (shift_folder / "shift.html").read_text("utf-8")
+    for name in ("01_formwork", "02_rebar", "03_facade", "04_bucket"):
+        report = shift_folder / "lifts" / name / "lift.html"
+        assert f'href="lifts/{name}/lift.html"' in page
+        text = report.read_text("utf-8")
+        assert "In the shift" in text
+        record = read_plan_record(report.with_suffix(".json"))
+        checks = document_checks(record, report.parent)
+        assert checks and all(check.holds for check in checks)
+        # The plan of the shift stands in the file that the record is of.
+        site = record.inputs.file("site")
+        assert site is not None and site.text is not None and "[shift]" in site.text
 
 
 def test_the_command_writes_timetable_chart_page_recording_and_trajectories(

@@ -37,7 +37,8 @@ class Requirements:
         swing: Largest angle of the rope from plumb in wind [rad].
         risk: Largest probability that a perturbed lift comes closer than the required distance.
         lifts: Number of perturbed lifts; 0 for none, then the risk is not judged.
-        gusts: Number of gusts drawn at each wind speed; 0 for none, then the wind is not judged.
+        gusts: Number of gusts drawn at the wind limit, beside those that are always tried; 0 for
+            no gusts at all, then the wind is not judged.
 
     Raises:
         OutOfRange: If the wind is not from 0 to 100 m/s, the swing not from 1e-6 to π/2, the risk

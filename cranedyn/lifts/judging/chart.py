@@ -14,7 +14,6 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -271,6 +270,20 @@ class RatedLoads:
         return np.where(up_to_first, self.rated[0], between)
 
 
+class LengthsAbout(NamedTuple):
+    """Rated loads of lengths of the boom about one; None where the chart has none.
+
+    Attributes:
+        shorter: Of the next shorter length.
+        same: Of the same length.
+        longer: Of the next longer length.
+    """
+
+    shorter: RatedLoads | None
+    same: RatedLoads | None
+    longer: RatedLoads | None
+
+
 @dataclass(frozen=True, eq=False)
 class Chart:
     """A crane's rated loads.
@@ -284,6 +297,7 @@ class Chart:
         counterweight: Counterweight for which the chart is made [kg]; None if it does not say.
         outriggers: Distance of neighbouring outriggers for which it is made [m]; None if it does
             not say, or the crane has none.
+        example: Whether its numbers are an example and of no real crane.
     """
 
     name: str
@@ -292,6 +306,7 @@ class Chart:
     between_booms: BetweenBooms = "smaller"
     counterweight: float | None = None
     outriggers: float | None = None
+    example: bool = False
 
     @property
     def counts(self) -> list[int]:
@@ -318,6 +333,23 @@ class Chart:
         """
         return [one.boom for one in self.of_falls(falls) if one.boom is not None]
 
+    def about_boom(self, falls: int | None, boom: float) -> LengthsAbout:
+        """Return the rated loads of the lengths of the chart about a length of the boom [m]: of the
+        same one within `BOOM_TOLERANCE`, and of the next shorter and longer ones. Raises as
+        `of_falls`.
+        """
+        shorter = same = longer = None
+        for reeving in self.of_falls(falls):
+            if reeving.boom is None:
+                continue
+            if reeving.boom < boom - BOOM_TOLERANCE:
+                shorter = reeving
+            elif reeving.boom <= boom + BOOM_TOLERANCE:
+                same = reeving
+            elif longer is None:
+                longer = reeving
+        return LengthsAbout(shorter, same, longer)
+
     def on(self, falls: int | None = None, boom: float | None = None) -> RatedLoads:
         """Return the rated loads on a number of falls with a length of the boom.
 
@@ -340,13 +372,11 @@ class Chart:
         listed = ", ".join(f"{length:g}" for length in lengths)
         if boom is None:
             raise NotCovered(called, "not known", f"one of the chart: {listed} m")
-        for reeving, length in zip(found, lengths, strict=True):
-            if abs(boom - length) <= BOOM_TOLERANCE:
-                return reeving
-        for shorter, longer in pairwise(found):
-            assert shorter.boom is not None and longer.boom is not None
-            if shorter.boom < boom < longer.boom and self.between_booms != "none":
-                return _between(shorter, longer, boom, self.between_booms)
+        near = self.about_boom(falls, boom)
+        if near.same is not None:
+            return near.same
+        if near.shorter is not None and near.longer is not None and self.between_booms != "none":
+            return _between(near.shorter, near.longer, boom, self.between_booms)
         allowed = f"{lengths[0]:g} to {lengths[-1]:g}, where the chart is"
         if self.between_booms == "none":
             allowed = f"{listed}: the chart has no loads for lengths between these"
@@ -528,7 +558,8 @@ def read_chart(path: str | Path) -> Chart:
     For a boom of several lengths there is a table `[[falls]]` for each length with `boom` [m], or
     one with `table`, a CSV file in the folder of the chart, see
     `cranedyn.lifts.judging.boom_table`, and its `unit`, "kg" or "t". The file may also have
-    `between_booms`, see `BetweenBooms`, `counterweight` [kg] and `outriggers` [m], see `Chart`.
+    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m] and `example`, see
+    `Chart`.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
@@ -550,9 +581,7 @@ def read_chart(path: str | Path) -> Chart:
             _refuse_second(entry, reeving, reevings)
             reevings.append(reeving)
     reevings.sort(key=lambda reeving: (reeving.count, reeving.boom or 0.0))
-    between = top.text("between_booms", "smaller")
-    if between not in get_args(BetweenBooms):
-        top.fail("between_booms", UnknownName("rule", between, get_args(BetweenBooms)))
+    between = top.choice("between_booms", get_args(BetweenBooms), "smaller", "rule")
     return Chart(
         top.text("name"),
         top.text("source"),
@@ -560,10 +589,11 @@ def read_chart(path: str | Path) -> Chart:
         between,  # type: ignore[arg-type]
         top.optional_number("counterweight", "kg", ">= 0"),
         top.optional_number("outriggers", "m", "> 0"),
+        example=top.flag("example"),
     )
 
 
-_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers")
+_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "example")
 """Fields of a chart beside its name and its tables [[falls]]."""
 
 _FALLS_FIELDS = ("count", "boom", "radii", "loads", "least", "rated", "table", "unit")
@@ -639,9 +669,7 @@ def _of_table(entry: SiteTable) -> list[RatedLoads]:
     """
     count = entry.whole("count")
     units = {"kg": 1.0, "t": 1e3}
-    unit = entry.text("unit", "kg")
-    if unit not in units:
-        entry.fail("unit", UnknownName("unit", unit, units))
+    unit = entry.choice("unit", tuple(units), "kg")
     columns = read_boom_table(entry.file("table"))
     return [_of_column(entry, count, column, units[unit]) for column in columns]
 

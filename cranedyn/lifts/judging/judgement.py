@@ -29,7 +29,7 @@ from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
 from cranedyn.lifts.judging.lift_figures import LiftFigure, figures
-from cranedyn.lifts.judging.lift_tables import tables
+from cranedyn.lifts.judging.lift_tables import tables, with_command
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads
 from cranedyn.lifts.judging.plan_record import (
@@ -102,7 +102,12 @@ class Judgement:
 
     def tables(self, command: str = "") -> list[Table]:
         """Return the tables of the lift, whose notes name the command that makes them again."""
-        return tables(self.analysis, command)
+        return with_command(self._tables, command)
+
+    @cached_property
+    def _tables(self) -> list[Table]:
+        """The tables of the lift."""
+        return tables(self.analysis)
 
     @cached_property
     def result(self) -> PlanResult:

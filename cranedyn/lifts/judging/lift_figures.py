@@ -15,7 +15,6 @@ from scipy.spatial import ConvexHull
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import (
     ANY_RADIUS,
-    BOOM_TOLERANCE,
     CUT_OUT,
     WARNING,
     NotCovered,
@@ -174,10 +173,8 @@ def _drawn_loads(analysis: LiftAnalysis) -> list[tuple[RatedLoads, bool]]:
     if boom is None:
         return [(reeving, False) for reeving in chart.of_falls(falls)]
     length = float(boom[0])
-    found = chart.of_falls(falls)
-    shorter = [one for one, of in zip(found, lengths, strict=True) if of < length - BOOM_TOLERANCE]
-    longer = [one for one, of in zip(found, lengths, strict=True) if of > length + BOOM_TOLERANCE]
-    drawn = [(reeving, False) for reeving in (*shorter[-1:], *longer[:1])]
+    near = chart.about_boom(falls, length)
+    drawn = [(reeving, False) for reeving in (near.shorter, near.longer) if reeving is not None]
     try:
         drawn.append((chart.on(falls, length), True))
     except NotCovered:

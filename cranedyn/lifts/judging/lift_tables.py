@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from cranedyn.lifts.judging import factors, wind_standards
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.chart import BOOM_TOLERANCE, CUT_OUT, WARNING
+from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
@@ -24,7 +25,14 @@ from cranedyn.lifts.judging.plan_tables import (
     wind_bounds_table,
 )
 from cranedyn.lifts.judging.table import Row, Table
-from cranedyn.lifts.judging.wind_limit import FAILED_SHARE, WindLimit
+from cranedyn.lifts.judging.wind_limit import (
+    DIRECTIONS,
+    DURATIONS,
+    FAILED_SHARE,
+    GUST_FACTOR,
+    STEP,
+    WindLimit,
+)
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.lift import Lift
 from cranedyn.lifts.planning.perturbed import CONFIDENCE, Perturbed
@@ -36,8 +44,14 @@ CREEP_SHARE = 0.1
 _SECOND_HAND = "second hand"
 """Source of what a standard demands: other texts that quote it, not the standard itself."""
 
+_SHOWN_SPEEDS = 4.0
+"""Speeds of which the table of winds shows every multiple [m/s]."""
+
 _NOT_JUDGED = "not judged"
 """What stands in place of a number that was not computed."""
+
+OF_COMMAND = ("Loads of the run", "Clearances", "Wind", "Perturbed lifts")
+"""Titles of the tables of simulated numbers, whose notes name the command that makes them again."""
 
 SUMMARY_TITLE = "In numbers"
 """Title of the table of the numbers that decide."""
@@ -46,19 +60,31 @@ _LOADS_PAGE = "docs/concepts/lifting.md"
 """Page that derives the formulas of the loads."""
 
 
-def tables(analysis: LiftAnalysis, command: str = "") -> list[Table]:
-    """Return all tables of a lift, whose notes name the command that makes them again."""
-    source_note = f" Again: {command}." if command else ""
+def with_command(made: Sequence[Table], command: str) -> list[Table]:
+    """Return tables of a lift whose notes name the command that makes their numbers again, where
+    there is one.
+    """
+    if not command:
+        return [*made]
+    named = []
+    for table in made:
+        again = f" Again: {command}." if table.title in OF_COMMAND else ""
+        named.append(table._replace(note=f"{table.note}{again}"))
+    return named
+
+
+def tables(analysis: LiftAnalysis) -> list[Table]:
+    """Return all tables of a lift."""
     result = [_summary(analysis), _lift(analysis)]
     result += [positions_table(analysis), wind_bounds_table(analysis), sequence_table(analysis)]
-    result += [_loads(analysis, source_note), _clearances(analysis, source_note)]
+    result += [_loads(analysis), _clearances(analysis)]
     result += [_assumptions(analysis), _factors(analysis)]
     if analysis.wind is not None:
         slews = "radius_m" in analysis.loads.values
-        result.append(_wind(analysis.wind, source_note))
+        result.append(_wind(analysis.wind))
         result.append(_limits_in_use(analysis.wind, slews=slews))
     if analysis.perturbed is not None:
-        result.append(_robustness(analysis, analysis.perturbed, source_note))
+        result.append(_robustness(analysis, analysis.perturbed))
     return result
 
 
@@ -217,7 +243,7 @@ def _boom_rows(analysis: LiftAnalysis) -> list[Row]:
     listed = ", ".join(f"{length:.4g}" for length in lengths) or "none"
     rows.append(["lengths of the chart [m]", listed, "the chart's file"])
     if lengths and analysis.utilisation is not None:
-        is_one = any(abs(boom - length) <= BOOM_TOLERANCE for length in lengths)
+        is_one = chart.about_boom(analysis.inputs.falls, boom).same is not None
         rule = {"smaller": "the smaller load of both", "linear": "a straight line between both"}
         counts = "that of the chart" if is_one else rule[chart.between_booms]
         rows.append(["load between two lengths", counts, "the chart's file"])
@@ -253,7 +279,7 @@ def _point(point: np.ndarray) -> str:
     return f"({', '.join(f'{coordinate:.1f}' for coordinate in point)})"
 
 
-def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
+def _loads(analysis: LiftAnalysis) -> Table:
     """Return the extremes of the loads and their times."""
     carried = analysis.loads
     t = carried.t
@@ -282,7 +308,7 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
     add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
     base = analysis.site.base
-    note = f"Formulas: {_LOADS_PAGE}.{source_note}"
+    note = f"Formulas: {_LOADS_PAGE}."
     if base is not None:
         corners = np.stack([carried[f"corner_{i}_N"] for i in range(1, 5)], axis=1)
         permitted = "-" if base.permitted is None else f"{base.permitted / 1e3:g}"
@@ -291,7 +317,7 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
         rows.append(["corner, least [kN]", 1e-3 * float(corners.min()), float(t[k]), "> 0"])
         note = (
             f"Formulas: {_LOADS_PAGE}. Corners: base {base.spacing:g} m wide, "
-            f"{base.mass / 1e3:g} t with mast and ballast, as entered.{source_note}"
+            f"{base.mass / 1e3:g} t with mast and ballast, as entered."
         )
     runway = analysis.site.runway
     if runway is not None:
@@ -304,7 +330,7 @@ def _loads(analysis: LiftAnalysis, source_note: str) -> Table:
     return Table("Loads of the run", columns, rows, note)
 
 
-def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
+def _clearances(analysis: LiftAnalysis) -> Table:
     """Tabulate the least distance of all that hangs from each obstacle, the nearest first."""
     certificate = analysis.certificate
     zones = {solid.name for solid in analysis.site.solids if solid.zone}
@@ -320,7 +346,7 @@ def _clearances(analysis: LiftAnalysis, source_note: str) -> Table:
     note = (
         "Of all that hangs; proven between the instants (docs/concepts/planning.md). The plan "
         f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of "
-        f"{swing:.3g}°.{source_note}"
+        f"{swing:.3g}°."
     )
     return Table("Clearances", columns, rows, note)
 
@@ -385,11 +411,13 @@ def _factors(analysis: LiftAnalysis) -> Table:
     return Table("Dynamic factors", columns, rows, note)
 
 
-def _wind(limit: WindLimit, source_note: str) -> Table:
+def _wind(limit: WindLimit) -> Table:
     """Tabulate the worst of all lifts at each speed of a gust."""
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
+        if not _is_shown(speed, limit):
+            continue
         failed = worst["utilisation"][i] > FAILED_SHARE
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
@@ -411,11 +439,32 @@ def _wind(limit: WindLimit, source_note: str) -> Table:
         ("beyond its limit", ""),
     ]
     note = (
-        f"The worst of {limit.lifts} lifts in all, from all sides and at all times, most of "
-        "them in gusts about the worst; wind on the load alone. Clearance: at least. Pressure: "
-        f"0.625 v², AS 5222:2021, {_SECOND_HAND}.{source_note}"
+        f"{limit_text(limit)} The worst of {limit.lifts} lifts in all, wind on the load alone. "
+        "Clearance: at least. A gust rises from a mean wind of "
+        f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}."
     )
     return Table("Wind", columns, rows, note)
+
+
+def _is_shown(speed: float, limit: WindLimit) -> bool:
+    """Return whether the table of winds has a row for a speed [m/s]: every fourth one, and those
+    about the limit.
+    """
+    return speed % _SHOWN_SPEEDS == 0.0 or abs(speed - limit.limit()) <= 2.0
+
+
+def limit_text(limit: WindLimit) -> str:
+    """Return what the limit of a load in wind rests on, in sentences."""
+    shortest, longest = min(DURATIONS), max(DURATIONS)
+    if limit.limit() == 0.0:
+        return f"The weakest gust that is tried, {STEP:g} m/s, breaks a limit."
+    return (
+        f"At {limit.limit():g} m/s none of {limit.at_limit} gusts breaks a limit: a grid from "
+        f"{DIRECTIONS} sides, {shortest:g} to {longest:g} s long, beginning at any time of the "
+        "lift, others about the worst of the grid, which do not depend on chance, and "
+        f"{limit.drawn} drawn at random, by which, with {100.0 * CONFIDENCE:g} % confidence, at "
+        f"most {100.0 * limit.largest_share:.2g} % of such gusts do."
+    )
 
 
 def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:
@@ -440,7 +489,7 @@ def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:
     return Table("Wind limits in comparison", columns, rows, note)
 
 
-def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) -> Table:
+def _robustness(analysis: LiftAnalysis, perturbed: Perturbed) -> Table:
     """Tabulate how many perturbed lifts failed, and the least distance and largest swing of those
     that did not break off.
     """
@@ -465,6 +514,6 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed, source_note: str) 
         f"Load ±{100.0 * spread.load:.3g} %, cable ±{spread.cable:g} m, mean wind to "
         f"{spread.wind:g} m/s with gusts of {spread.gust:g} m/s more, sensors to "
         f"{1e3 * max(spread.late):g} ms late, the load hanging at both ends; "
-        f"interval by Clopper and Pearson (docs/concepts/planning.md).{source_note}"
+        f"interval by Clopper and Pearson (docs/concepts/planning.md)."
     )
     return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)

@@ -21,6 +21,7 @@ from cranedyn.lifts.judging.plan_checks import (
     wind_text,
 )
 from cranedyn.lifts.judging.table import place_text
+from cranedyn.lifts.planning.plan_details import LiftInShift
 
 COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
 """Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
@@ -93,13 +94,32 @@ def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
 
 def field_groups(analysis: LiftAnalysis) -> list[FieldGroup]:
     """Return the fields of the pages behind the first, by subject."""
-    return [
+    groups = [
         _load(analysis),
         _rigging(analysis),
         _crane(analysis),
         _ground(analysis),
         _people(analysis),
     ]
+    shift = analysis.site.details.shift
+    return groups if shift is None else [_shift(shift), *groups]
+
+
+def _shift(shift: LiftInShift) -> FieldGroup:
+    """Return what the plan of the shift says of the lift."""
+    fields = [
+        PlanField("Site with several cranes", shift.site),
+        PlanField("Lift", shift.lift),
+        PlanField("Crane", shift.crane),
+        PlanField("Leaves for the load", shift.begins),
+        PlanField("Leaves with the load", shift.leaves),
+        PlanField("Delivered", shift.delivered),
+        PlanField("Unhooked", shift.unhooked),
+        PlanField("Waits", shift.waits),
+        PlanField("Not before", shift.after or "no lift"),
+        PlanField("Meanwhile", " ".join(shift.others) or "no other crane"),
+    ]
+    return FieldGroup("In the shift (h:mm:ss from its begin)", fields)
 
 
 def _load(analysis: LiftAnalysis) -> FieldGroup:

@@ -49,6 +49,9 @@ MAX_GUSTS = 10_000
 MAX_SIGNATURES = 100
 """Most signatures of a record."""
 
+MAX_NAME = 200
+"""Most letters of a name that signs."""
+
 ROLES = ("prepared", "approved")
 """As what somebody may sign a plan."""
 
@@ -105,7 +108,7 @@ class PlanOptions:
         risk: Largest probability that a perturbed lift comes nearer to an obstacle than the site
             allows [%]; None for that of the site.
         lifts: Number of perturbed lifts, see `MAX_LIFTS`.
-        gusts: Number of gusts at each speed.
+        gusts: Number of gusts that are drawn at the wind limit.
         gravity: Gravity [m/s²].
         dt: Physics step [s].
         control_period: Control period [s].
@@ -301,15 +304,19 @@ class PlanMark(NamedTuple):
 
 def recorded_checks(checks: Sequence[Check]) -> tuple[RecordedCheck, ...]:
     """Return checks as a record holds them. A check without a name is called by the words with
-    which its sentence begins; the second one of a name gets "#2".
+    which its sentence begins; the second one of a name gets "#2", or the next number that no check
+    is called by.
     """
-    counts: Counter[str] = Counter()
+    taken: set[str] = set()
     recorded = []
     for check in checks:
-        name = check.name or _first_words(check.sentence)
-        counts[name] += 1
-        if counts[name] > 1:
-            name = f"{name} #{counts[name]}"
+        called = check.name or _first_words(check.sentence)
+        name = called
+        number = 1
+        while name in taken:
+            number += 1
+            name = f"{called} #{number}"
+        taken.add(name)
         recorded.append(RecordedCheck(name, check.verdict.value, mask_times(check.sentence)))
     return tuple(recorded)
 
@@ -672,9 +679,11 @@ def sign(record: PlanRecord, name: str, role: str, date: str) -> PlanRecord:
     """
     if record.result.word == NO_GO:
         raise CraneError("The plan was not signed: a lift that is NO GO is not.")
-    if not name.strip() or not name.isprintable():
-        raise CraneError(f"The name is {quoted(name)}; allowed is a printable text.")
     name = name.strip()
+    if not name or not name.isprintable():
+        raise CraneError(f"The name is {quoted(name)}; allowed is a printable text.")
+    if len(name) > MAX_NAME:
+        raise CraneError(f"The name has {len(name)} letters; allowed are {MAX_NAME}.")
     if len(record.signatures) >= MAX_SIGNATURES:
         raise CraneError(f"The plan has {MAX_SIGNATURES} signatures already, which is the most.")
     for earlier in record.signatures:

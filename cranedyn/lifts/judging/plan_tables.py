@@ -78,10 +78,16 @@ def wind_bounds_table(analysis: LiftAnalysis) -> Table:
         rows.append([f"{LOAD}: not judged", None, None])
     columns = [("limit of", ""), ("gust [m/s]", ".1f"), ("[km/h]", ".0f")]
     measured = analysis.site.details.crane.wind_measured or BLANK
-    note = (
-        f"The wind is measured by: {measured}. The limit of this load is from simulated gusts at "
-        f"the load, of which {STRONGEST:g} m/s is the strongest that is tried."
-    )
+    note = f"The wind is measured by: {measured}."
+    wind = analysis.wind
+    if wind is None or wind.limit() == 0.0:
+        note += " The limit of this load is from simulated gusts at the load."
+    else:
+        note += (
+            f" The limit of this load is from simulated gusts: none of {wind.at_limit} of its "
+            "speed breaks a limit, the worst among them looked for; the most that is tried is "
+            f"{STRONGEST:g} m/s."
+        )
     return Table(WIND_TITLE, columns, rows, note)
 
 
@@ -107,7 +113,9 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     for step in lift_steps(analysis):
         times = f"{step.begins:.0f} to {step.ends:.0f}"
         place = place_text(step.place)
-        rows.append([step.positions, times, step.action, step.speeds or "-", place, speaks])
+        action = ". ".join(step.movements)
+        speeds = ", ".join(step.speeds) or "-"
+        rows.append([step.positions, times, action, speeds, place, speaks])
     columns = [
         ("positions", ""),
         ("time [s]", ""),

@@ -16,11 +16,12 @@ from collections import Counter
 from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.data.files import atomic_write, write_text
-from cranedyn.errors import CraneError
+from cranedyn.errors import CraneError, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
@@ -116,6 +117,7 @@ def lift_html(
         picture=_picture(analysis),
         identification=identification(analysis),
         against=[check for check in worst_first(checks) if check.verdict is not Verdict.HOLDS],
+        notices=first_page_notices(analysis),
         numbers=named.pop(SUMMARY_TITLE),
         wind=named.pop(WIND_TITLE),
         positions=named.pop(places),
@@ -135,6 +137,39 @@ def lift_html(
         versions=_versions(),
         plan=plan,
     )
+
+
+class Notice(NamedTuple):
+    """A sentence on the first page.
+
+    Attributes:
+        sentence: The sentence.
+        warns: Whether nothing may be lifted by the page because of it.
+    """
+
+    sentence: str
+    warns: bool
+
+
+def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
+    """Return what whoever signs must know before any number: that the chart is of no real crane,
+    and which lift of a shift this is.
+    """
+    notices = []
+    if analysis.chart is not None and analysis.chart.example:
+        sentence = (
+            "The load chart is an example, of no real crane: lift nothing by this page. Enter the "
+            "chart of your crane as [crane] chart (cranedyn template chart), and judge again."
+        )
+        notices.append(Notice(sentence, warns=True))
+    shift = analysis.site.details.shift
+    if shift is not None:
+        sentence = (
+            f"Lift {quoted(shift.lift or '')} of a shift: {shift.crane} leaves with it at "
+            f"{shift.leaves} and delivers it at {shift.delivered}."
+        )
+        notices.append(Notice(sentence, warns=False))
+    return notices
 
 
 def _sheets_or_reason(scene: LiftScene) -> tuple[list[LiftSheet], list[str]]:
@@ -207,23 +242,12 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
     if sling_force(analysis) is None:
         unchecked += ", and neither are the slings"
     sentences.append(f"{unchecked}.")
-    hanging = []
-    not_simulated = []
-    for end, phase in (
-        (analysis.site.start, "picking up"),
-        (analysis.site.goal, "setting down"),
-    ):
-        if not stands_at(end):
-            hanging.append(phase)
-        elif analysis.grounded is None:
-            not_simulated.append(phase)
-    if hanging:
+    sentences += _limits_of_the_ends(analysis)
+    if analysis.site.details.shift is not None:
         sentences.append(
-            f"The load hangs where {' and '.join(hanging)} would be; that is not in this lift."
-        )
-    if not_simulated:
-        sentences.append(
-            f"Not simulated, since the plan has no certificate: {' and '.join(not_simulated)}."
+            "The lift is planned with the other cranes of the shift standing where they are when "
+            "the load leaves. What keeps the cranes apart while all of them move is the plan of "
+            "the shift, whose motion of this crane may be another one."
         )
     if analysis.perturbed is not None or analysis.wind is not None:
         sentences.append(
@@ -236,6 +260,30 @@ def limits_of(analysis: LiftAnalysis) -> list[str]:
     sentences.append("Standards were read second hand; where a clause is named, read it there.")
     if analysis.chart is not None:
         sentences.append(f"The chart is {analysis.chart.name}. Source: {analysis.chart.source}.")
+    return sentences
+
+
+def _limits_of_the_ends(analysis: LiftAnalysis) -> list[str]:
+    """Return what the numbers of a lift do not say of picking up and setting down, in sentences."""
+    hanging = []
+    not_simulated = []
+    for end, phase in (
+        (analysis.site.start, "picking up"),
+        (analysis.site.goal, "setting down"),
+    ):
+        if not stands_at(end):
+            hanging.append(phase)
+        elif analysis.grounded is None:
+            not_simulated.append(phase)
+    sentences = []
+    if hanging:
+        sentences.append(
+            f"The load hangs where {' and '.join(hanging)} would be; that is not in this lift."
+        )
+    if not_simulated:
+        sentences.append(
+            f"Not simulated, since the plan has no certificate: {' and '.join(not_simulated)}."
+        )
     return sentences
 
 

@@ -3,7 +3,8 @@ fast.
 
 The positions are those that the drawings number, see
 `cranedyn.lifts.judging.numbered_positions`: whoever reads "2 to 3" in the table finds 2 and 3 on
-the plan.
+the plan. The table of the steps and the sketches of `cranedyn.lifts.judging.drawings.sequence` say
+the same words.
 """
 
 from __future__ import annotations
@@ -13,10 +14,10 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
+import pinocchio as pin
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.load_joints import LoadJoints
-from cranedyn.lifts.judging.numbered_positions import numbered_positions
+from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.timing import STEP
 
@@ -32,59 +33,97 @@ class LiftStep:
     """A step of a lift.
 
     Attributes:
-        positions: The numbers of the positions between which it is, such as "2 to 3"; "1" or the
-            last number alone for a step that lifts the load off or sets it down.
+        first, last: Numbers of the positions between which it is; the same one for a step that
+            lifts the load off or sets it down.
         begins, ends: When it begins and ends [s], from the beginning of the lift.
-        action: What the crane does, in words.
+        movements: What the crane does, in sentences without a full stop.
         speeds: The largest rate of each drive that moves, in words; empty where it is not told.
         place: Place of the load at its end in the frame of the site [m], shape (3,).
     """
 
-    positions: str
+    first: int
+    last: int
     begins: float
     ends: float
-    action: str
-    speeds: str
+    movements: tuple[str, ...]
+    speeds: tuple[str, ...]
     place: np.ndarray
+
+    @property
+    def positions(self) -> str:
+        """The numbers of the positions, such as "2 to 3"."""
+        return str(self.last) if self.first == self.last else f"{self.first} to {self.last}"
 
 
 def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     """Return the steps of a lift in order, lift-off and set-down among them where they are
     simulated.
     """
+    grounded = analysis.grounded
+    positions = numbered_positions(analysis)
+    steps: list[LiftStep] = []
+    if grounded is not None and "lift-off" in grounded.lift.phases:
+        movement = "Lift off: take up the slack, raise the load off its support, wait"
+        ends = grounded.lift.phases["motion"]
+        steps.append(LiftStep(1, 1, 0.0, ends, (movement,), (), positions[0].centre))
+    steps += motion_steps(analysis, positions)
+    if grounded is not None and "set-down" in grounded.lift.phases:
+        begins = grounded.lift.phases["set-down"]
+        movement = "Set down: lower the load onto its support until the rope is slack"
+        last = positions[-1]
+        steps.append(
+            LiftStep(
+                last.number, last.number, begins, analysis.duration, (movement,), (), last.centre
+            )
+        )
+    return steps
+
+
+def motion_steps(analysis: LiftAnalysis, positions: list[Position]) -> list[LiftStep]:
+    """Return the steps of the planned motion, from each position to the next."""
     lift = analysis.certificate.lift
     clearance = lift.clearance
     grounded = analysis.grounded
     motion_begins = 0.0 if grounded is None else grounded.lift.phases["motion"]
-    positions = numbered_positions(analysis)
-    last = positions[-1]
-
-    steps: list[LiftStep] = []
-    if grounded is not None and "lift-off" in grounded.lift.phases:
-        action = "lift off: take up the slack, raise the load off its support, wait"
-        steps.append(LiftStep("1", 0.0, motion_begins, action, "", positions[0].centre))
+    steps = []
     for before, after in itertools.pairwise(positions):
         places = lift.timed.places[before.row : after.row + 1]
-        step = LiftStep(
-            positions=f"{before.number} to {after.number}",
-            begins=motion_begins + before.t,
-            ends=motion_begins + after.t,
-            action=_action(clearance, places),
-            speeds=_speeds(clearance, places),
-            place=after.centre,
+        drives = _moving(clearance, places)
+        movements = [_movement(clearance, places, drive) for drive in drives]
+        steps.append(
+            LiftStep(
+                first=before.number,
+                last=after.number,
+                begins=motion_begins + before.t,
+                ends=motion_begins + after.t,
+                movements=tuple(movements) or ("No drive moves by as much as is told here",),
+                speeds=tuple(_speed(clearance, places, drive) for drive in drives),
+                place=after.centre,
+            )
         )
-        steps.append(step)
-    if grounded is not None and "set-down" in grounded.lift.phases:
-        begins = grounded.lift.phases["set-down"]
-        action = "set down: lower the load onto its support until the rope is slack"
-        step = LiftStep(str(last.number), begins, analysis.duration, action, "", last.centre)
-        steps.append(step)
     return steps
+
+
+def radius_of_load(clearance: Clearance, place: np.ndarray) -> float | None:
+    """Return the distance in plan of the load from the slew axis at a place [m], as a chart counts
+    it; None for a crane that does not turn.
+
+    Args:
+        clearance: Crane and site.
+        place: Positions of the drives, shape (3,).
+    """
+    if clearance.turning is None:
+        return None
+    crane = clearance.crane
+    data = crane.model.createData()
+    pin.forwardKinematics(crane.model, data, clearance.q(place))
+    axis = data.oMi[int(clearance.drive_joints[clearance.turning]) + 1].translation
+    return float(np.linalg.norm((clearance.point(place) - axis)[:2]))
 
 
 def _moving(clearance: Clearance, places: np.ndarray) -> list[int]:
     """Return the drives that move in some places, shape (n, 3), by more than what is not told."""
-    moved = np.abs(places[-1] - places[0])
+    moved = np.ptp(places, axis=0)
     moving = []
     for drive, joint in enumerate(clearance.crane.layout.driven):
         least = LEAST_TURN if joint.kind == "revolute" else LEAST_WAY
@@ -93,71 +132,89 @@ def _moving(clearance: Clearance, places: np.ndarray) -> list[int]:
     return moving
 
 
-def _action(clearance: Clearance, places: np.ndarray) -> str:
-    """Return what the drives do from the first to the last of some places, in words."""
-    words = [_drive_action(clearance, places, drive) for drive in _moving(clearance, places)]
-    return ", ".join(words) or "move by less than is told here"
-
-
-def _drive_action(clearance: Clearance, places: np.ndarray, drive: int) -> str:
-    """Return what a drive does from the first to the last of some places, in words."""
-    crane = clearance.crane
-    joints = LoadJoints.of(crane)
-    index = int(crane.layout.drives[drive])
-    joint = crane.layout.driven[drive]
-    change = float(places[-1, drive] - places[0, drive])
-    if index == joints.hoist:
-        return f"{'hoist' if change < 0.0 else 'lower'} {abs(change):.1f} m"
-    foot = clearance.site.foot
-    if index == joints.slew:
-        # A small part of the turn tells its side, also of more than half a turn.
-        before, after = _by_one_drive(clearance, places[0], drive, 0.01 * change)
-        side = "left" if _turn(before - foot, after - foot) > 0.0 else "right"
-        return f"slew {math.degrees(abs(change)):.0f}° to the {side}"
-    before, after = _by_one_drive(clearance, places[0], drive, change)
-    if joints.slew is not None:
-        first = float(np.linalg.norm((before - foot)[:2]))
-        last = float(np.linalg.norm((after - foot)[:2]))
-        verb = "luff" if joint.kind == "revolute" else "trolley"
-        return f"{verb} {'out' if last > first else 'in'} from {first:.1f} m to {last:.1f} m"
+def _movement(clearance: Clearance, places: np.ndarray, drive: int) -> str:
+    """Return what a drive does from the first to the last of some places, in a sentence without a
+    full stop.
+    """
+    joint = clearance.crane.layout.driven[drive]
+    if drive == _hoist(clearance):
+        return _hoisting(clearance, places)
+    if drive == clearance.turning:
+        turns = clearance.load_turn(places)
+        turn = float(turns[-1] - turns[0])
+        side = "left" if turn > 0.0 else "right"
+        sentence = f"Slew {math.degrees(abs(turn)):.0f}° to the {side}"
+        return sentence + _detour(np.degrees(turns - turns[0]), "°", 1.0)
     name = joint.role or joint.symbol
-    return f"{name} {abs(change):.1f} m {_direction(after - before)}"
+    first = radius_of_load(clearance, places[0])
+    last = radius_of_load(clearance, places[-1])
+    if first is not None and last is not None:
+        verb = "Luff" if joint.kind == "revolute" else name.capitalize()
+        way = "out" if last > first else "in"
+        return f"{verb} {way}, radius from {first:.1f} m to {last:.1f} m"
+    return f"{name.capitalize()} {_slide(clearance, places, drive)}"
 
 
-def _by_one_drive(
-    clearance: Clearance, place: np.ndarray, drive: int, change: float
-) -> tuple[np.ndarray, np.ndarray]:
-    """Return where the load is at a place, and where it is if one drive alone has moved from there
-    [m], in the frame of the site, shape (3,) each.
+def _hoist(clearance: Clearance) -> int:
+    """Return the index of the hoist among the drives of a place."""
+    return clearance.drive_joints.tolist().index(clearance.hoist)
+
+
+def _hoisting(clearance: Clearance, places: np.ndarray) -> str:
+    """Return what the hoist does in some places. Heights are those of the load's underside, which a
+    boom that luffs moves, too.
     """
-    places = np.array([place, place])
-    places[1, drive] += change
-    before, after = clearance.site.to_site(clearance.point(places))
-    return before, after
+    hoist = _hoist(clearance)
+    cable = places[:, hoist]
+    length = float(cable[-1] - cable[0])
+    sentence = f"{'Lower' if length > 0.0 else 'Hoist'} {abs(length):.1f} m"
+    luffs = False
+    for i, joint in enumerate(clearance.crane.layout.driven):
+        luffs = luffs or (joint.kind == "revolute" and i not in (clearance.turning, hoist))
+    if luffs:
+        sentence += " of rope"
+    else:
+        below = float(clearance.bodies.load[:, 2].min())
+        centres = clearance.site.to_site(clearance.point(places[[0, -1]]))
+        first, last = (centres[:, 2] + below - clearance.site.ground).tolist()
+        # A short way shows only in centimetres.
+        digits = 1 if abs(last - first) > 0.3 else 2
+        sentence += f", the load from {first:.{digits}f} m to {last:.{digits}f} m above ground"
+    return sentence + _detour(cable - cable[0], " m of rope", 0.2)
 
 
-def _turn(before: np.ndarray, after: np.ndarray) -> float:
-    """Return the sine of the turn from one direction in plan to another, by its sign: positive to
-    the left, seen from above and from behind. Both are less than half a turn apart.
+def _detour(values: np.ndarray, unit: str, least: float) -> str:
+    """Return by how far a drive goes beyond both ends of a step and back, in words; empty if by
+    less than the least.
+
+    Args:
+        values: What it has moved in each row of the step.
+        unit: Unit of the values, with a space before it where one belongs there.
+        least: Least number that is told.
     """
-    return float(before[0] * after[1] - before[1] * after[0])
+    beyond = max(
+        float(values.max() - max(values[0], values[-1])),
+        float(min(values[0], values[-1]) - values.min()),
+    )
+    return f", going {beyond:.1f}{unit} farther and back" if beyond > least else ""
 
 
-def _direction(way: np.ndarray) -> str:
-    """Return the axis of the site along which a way goes, in words."""
-    axis = int(np.abs(way).argmax())
-    return f"towards {'+' if way[axis] > 0.0 else '-'}{'xyz'[axis]}"
+def _slide(clearance: Clearance, places: np.ndarray, drive: int) -> str:
+    """Return how far and where to a drive moves the load alone, in words."""
+    both = np.array([places[0], places[0]])
+    both[1, drive] = places[-1, drive]
+    first, second = clearance.site.to_site(clearance.point(both))
+    way = second - first
+    axis = int(np.abs(way[:2]).argmax())
+    sign = "+" if way[axis] > 0.0 else "-"
+    return f"{np.linalg.norm(way):.1f} m towards {sign}{'xy'[axis]}"
 
 
-def _speeds(clearance: Clearance, places: np.ndarray) -> str:
-    """Return the largest rate of each drive that moves in some places, in words."""
-    rates = np.abs(np.diff(places, axis=0)).max(axis=0) / STEP
-    words = []
-    for drive in _moving(clearance, places):
-        joint = clearance.crane.layout.driven[drive]
-        name = joint.role or joint.symbol
-        if joint.kind == "revolute":
-            words.append(f"{name} {math.degrees(rates[drive]):.1f} °/s")
-        else:
-            words.append(f"{name} {rates[drive]:.2f} m/s")
-    return ", ".join(words)
+def _speed(clearance: Clearance, places: np.ndarray, drive: int) -> str:
+    """Return the largest rate of a drive in some places, in words."""
+    joint = clearance.crane.layout.driven[drive]
+    rate = float(np.abs(np.diff(places[:, drive])).max()) / STEP
+    name = joint.role or joint.symbol
+    if joint.kind == "revolute":
+        return f"{name} {math.degrees(rate):.1f} °/s"
+    return f"{name} {rate:.2f} m/s"

@@ -9,17 +9,19 @@ say.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
 from cranedyn.checks import whole, within
+from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.lifts.judging.chart import CUT_OUT, Chart
 from cranedyn.lifts.judging.loads import loads_of_rows
-from cranedyn.lifts.planning.certificate import Certificate
+from cranedyn.lifts.planning.certificate import Certificate, controller_of
 from cranedyn.lifts.planning.clearance import Nearest
-from cranedyn.lifts.planning.perturbed import PerturbedBatch, simulate_perturbed
+from cranedyn.lifts.planning.perturbed import CONFIDENCE, PerturbedBatch, simulate_perturbed
 
 GUST_FACTOR = 1.5
 """Speed of a gust over that of the mean wind in which it comes: an assumption, for the rough
@@ -34,18 +36,33 @@ LONGEST_GUST = 12.0
 STRONGEST = 28.0
 """Strongest gust to try [m/s]."""
 
-STEP = 4.0
-"""Step from one speed to the next [m/s]."""
+STEP = 1.0
+"""Step from one speed to the next [m/s], and the weakest gust that is tried."""
 
-STEP_PARTS = 4
-"""Number of parts into which the step at which a limit is met is divided."""
+FIRST_SPEED = 12.0
+"""Speed at which the first worst gusts are looked for [m/s]: a usual limit of a load in wind."""
+
+DIRECTIONS = 8
+"""Number of directions of the gusts of the grid. What a gust adds to the swing goes with the cosine
+of the angle from the worst direction, so that one of them has 92 % of the worst or more."""
+
+STARTS_IN_PERIOD = 4
+"""Number of starts of gusts of the grid in a period of the swing. What a gust adds goes with the
+cosine of the phase, so that one of them has 92 % of the worst or more."""
+
+DURATIONS = (3.0, 6.0, 9.0, 12.0)
+"""Durations of the gusts of the grid [s]. A load on 10 to 40 m of rope swings most in a gust of 0.8
+to 1.2 of its period, 5 to 15 s, and nearly as much in one that is a quarter longer or shorter."""
 
 WORST_COUNT = 4
 """Number of the worst gusts about which others are searched."""
 
-SEARCH_SPREADS = (0.2, 0.1, 0.05, 0.02)
-"""Distances of these others from the worst, as shares of the ranges of gusts: one search after the
-other, ever closer."""
+SEARCH_HALVINGS = 4
+"""Number of times by which the step of the search about the worst gusts is halved, from half of
+that of the grid: to 1.4°, and to a 128th of the period."""
+
+SEARCHED_SPEEDS = 3
+"""Number of weaker speeds at which what a search found is simulated, too."""
 
 _FAILED = 1e6
 """Stands for what is beyond all limits: a lift that failed."""
@@ -72,6 +89,8 @@ class WindLimit:
             million, or as minus a million for clearance.
         allowed: Limit of each, by name.
         lifts: Number of simulated lifts.
+        at_limit: Number of gusts that were simulated at the limit.
+        drawn: Number of gusts among these that were drawn at random.
         nearest: What comes nearest to what in the worst gust of the weakest speed in which the
             clearance is exceeded; None if it is kept in all, or such a lift broke off.
     """
@@ -80,7 +99,19 @@ class WindLimit:
     worst: Mapping[str, np.ndarray]
     allowed: Mapping[str, float]
     lifts: int
+    at_limit: int = 0
+    drawn: int = 0
     nearest: Nearest | None = None
+
+    @property
+    def largest_share(self) -> float:
+        """Upper bound of the share of gusts at the limit that break it, with `CONFIDENCE`; 1 if
+        none was drawn.
+
+        None of n gusts that were drawn broke it, which has the probability (1 - p)^n if a share of
+        p does. That is 1 - `CONFIDENCE` at the bound.
+        """
+        return 1.0 if not self.drawn else 1.0 - (1.0 - CONFIDENCE) ** (1.0 / self.drawn)
 
     def limit(self, name: str | None = None) -> float:
         """Return the strongest gust up to which a limit is kept by all lifts, by default all
@@ -135,22 +166,23 @@ def wind_limit(
     seed: int = 1,
     dt: float = 1e-3,
 ) -> WindLimit:
-    """Simulate a certified lift in ever stronger gusts.
+    """Return the strongest gust in which a certified lift keeps its limits.
 
     Each gust of shape (1 - cos)/2 rises from a mean wind of its speed over `GUST_FACTOR`, in which
-    the load hangs at the start. Directions, times and lengths are drawn once and are the same at
-    every speed.
+    the load hangs at the start.
 
-    A draw may miss the worst gust, so that a search follows, once for each of `SEARCH_SPREADS`. It
-    takes, for each limit, the `WORST_COUNT` worst gusts at the weakest speed at which that limit is
-    exceeded, and simulates these and others near them at speeds about that limit.
+    What is tried does not rest on chance. A grid of gusts, see `_grid`, covers directions, starts
+    and durations, and a search about the worst of them finds those between. The limit is the speed
+    at which the whole grid, and all that the search found, keep all limits. Then `count` gusts that
+    are drawn are simulated at the limit, which falls as long as one of them breaks it. More of them
+    never raise it: the first ones are the same.
 
     Args:
         certificate: The lift.
         chart: Load chart of the crane.
         falls: Number of falls that carry the hook; None for the fewest of the chart.
         swing: Largest angle of the rope from plumb that is allowed [rad].
-        count: Number of gusts to draw, and to search about the worst each time.
+        count: Number of gusts to draw.
         seed: Seed of the random numbers.
         dt: Physics step [s].
 
@@ -167,33 +199,126 @@ def wind_limit(
     }
     rng = np.random.default_rng(whole("seed", seed, 0))
     count = whole("number of lifts", count, 1)
-    arrival = certificate.lift.timed.motion.arrival
-    # Of start, duration and direction of a gust.
-    lowest = np.array([0.0, SHORTEST_GUST, -math.pi])
-    widths = np.array([arrival, LONGEST_GUST - SHORTEST_GUST, 2.0 * math.pi])
-    highest = lowest + widths
+    ranges = _GustRanges.of(certificate)
     trial = _Trial(certificate, chart, falls, allowed, dt)
 
-    speeds = np.arange(STEP, STRONGEST + STEP / 2.0, STEP)
-    rows = trial.simulate(speeds, lowest + widths * rng.random((count, 3)))
-    for spread in SEARCH_SPREADS:
-        limits = _limits(rows, allowed)
-        added = []
-        for name in allowed:
-            worst = _worst_gusts(rows, limits, name)
-            steps = spread * widths * rng.normal(size=(count, 3))
-            gusts = worst[np.arange(count) % len(worst)] + steps
-            # Directions need no range: they go round.
-            gusts[:, :2] = np.clip(gusts[:, :2], lowest[:2], highest[:2])
-            speeds = _speeds_about(limits.limit(name))
-            added.append(trial.simulate(speeds, np.vstack([worst, gusts])))
-        rows = np.vstack([rows, *added])
+    rows = _worst_of_grid(trial, ranges)
+    drawn = ranges.lowest + ranges.widths * rng.random((count, 3))
     limits = _limits(rows, allowed)
+    speed = math.inf
+    while limits.limit() < speed and limits.limit() > 0.0:
+        speed = limits.limit()
+        rows = np.vstack([rows, trial.simulate(np.array([speed]), drawn)])
+        limits = _limits(rows, allowed)
+    at_limit = int((rows[:, 0] == limits.limit()).sum())
+    limits = replace(limits, at_limit=at_limit, drawn=count if limits.limit() > 0.0 else 0)
     if limits.kept("clearance").all():
         return limits
     speed = float(limits.speeds[~limits.kept("clearance")][0])
     worst_gust = _worst_gusts(rows, limits, "clearance")[0]
     return replace(limits, nearest=trial.nearest(speed, worst_gust))
+
+
+@dataclass(frozen=True, eq=False)
+class _GustRanges:
+    """What gusts may be: start [s], duration [s] and direction [rad].
+
+    Attributes:
+        lowest, highest: The ranges, shape (3,) each.
+        steps: Steps of the grid, shape (3,).
+    """
+
+    lowest: np.ndarray
+    highest: np.ndarray
+    steps: np.ndarray
+
+    @classmethod
+    def of(cls, certificate: Certificate) -> _GustRanges:
+        """Return the ranges of the gusts of a lift: over its whole time, and from every side."""
+        lift = certificate.lift
+        arrival = lift.timed.motion.arrival
+        shortest_cable = float(np.min(lift.clearance.cable(certificate.run.q)))
+        period = 2.0 * math.pi * math.sqrt(shortest_cable / lift.crane.gravity)
+        start_count = max(2, math.ceil(arrival * STARTS_IN_PERIOD / period) + 1)
+        return cls(
+            lowest=np.array([0.0, SHORTEST_GUST, -math.pi]),
+            highest=np.array([arrival, LONGEST_GUST, math.pi]),
+            steps=np.array(
+                [
+                    arrival / (start_count - 1),
+                    DURATIONS[1] - DURATIONS[0],
+                    2.0 * math.pi / DIRECTIONS,
+                ]
+            ),
+        )
+
+    @property
+    def widths(self) -> np.ndarray:
+        """Widths of the ranges, shape (3,)."""
+        return self.highest - self.lowest
+
+    def grid(self) -> np.ndarray:
+        """Return the gusts of the grid, shape (n, 3)."""
+        # A start is a whole number of steps; the last direction is the first one again.
+        starts = np.linspace(0.0, self.highest[0], round(self.highest[0] / self.steps[0]) + 1)
+        directions = -math.pi + self.steps[2] * np.arange(DIRECTIONS)
+        axes = np.meshgrid(starts, DURATIONS, directions, indexing="ij")
+        return np.stack([axis.ravel() for axis in axes], axis=1)
+
+    def around(self, gusts: np.ndarray, share: float) -> np.ndarray:
+        """Return gusts that differ from others in one number by a share of the step of the grid,
+        shape (6 k, 3) for k of them.
+        """
+        offsets = share * np.vstack([np.diag(self.steps), -np.diag(self.steps)])
+        found = (gusts[:, None] + offsets).reshape(-1, 3)
+        # Directions need no range: they go round.
+        found[:, :2] = np.clip(found[:, :2], self.lowest[:2], self.highest[:2])
+        return found
+
+
+def _worst_of_grid(trial: _Trial, ranges: _GustRanges) -> np.ndarray:
+    """Simulate gusts until the grid keeps each limit at the speed of that limit, and return the
+    rows of all, see `_Trial.simulate`.
+
+    The worst gusts of the grid are searched about at the weakest speed at which they break a limit,
+    and what is found is simulated at weaker speeds, too. A limit only falls by that. Where it
+    falls, the grid is simulated at the new limit, and so on.
+    """
+    speeds = STEP * np.arange(1.0, round(STRONGEST / STEP) + 1.0)
+    grid = ranges.grid()
+    rows = trial.simulate(np.array([FIRST_SPEED]), grid)
+    at_first = _limits(rows, trial.allowed)
+    worst = [_worst_gusts(rows, at_first, name) for name in trial.allowed]
+    rows = np.vstack([rows, trial.simulate(speeds, np.vstack(worst))])
+    covered = {0.0, FIRST_SPEED}
+    while True:
+        limits = _limits(rows, trial.allowed)
+        missing = {limits.limit(name) for name in trial.allowed} - covered
+        if not missing:
+            return rows
+        rows = np.vstack([rows, trial.simulate(np.array(sorted(missing)), grid)])
+        covered |= missing
+        for name in trial.allowed:
+            if not _limits(rows, trial.allowed).kept(name).all():
+                rows = np.vstack([rows, _search(trial, ranges, rows, name)])
+
+
+def _search(trial: _Trial, ranges: _GustRanges, rows: np.ndarray, name: str) -> np.ndarray:
+    """Search about the worst gusts for a limit by ever smaller steps, and return the rows of all
+    that was simulated.
+    """
+    found = rows
+    for halving in range(1, SEARCH_HALVINGS + 1):
+        limits = _limits(found, trial.allowed)
+        worst = _worst_gusts(found, limits, name)
+        speed = np.array([_speed_of_worst(limits, name)])
+        near = ranges.around(worst, 0.5**halving)
+        found = np.vstack([found, trial.simulate(speed, near)])
+    limits = _limits(found, trial.allowed)
+    worst = _worst_gusts(found, limits, name)
+    broken = _speed_of_worst(limits, name)
+    weaker = np.arange(max(STEP, broken - SEARCHED_SPEEDS * STEP), broken, STEP)
+    return np.vstack([found, trial.simulate(weaker, worst)])[len(rows) :]
 
 
 @dataclass(frozen=True, eq=False)
@@ -231,9 +356,18 @@ class _Trial:
         for name in self.allowed:
             failed = -_FAILED if name == "clearance" else _FAILED
             values[name] = np.full(len(rows), failed)
-        for batch in simulate_perturbed(self.certificate, drawn, dt=self.dt):
+        for batch in self._simulated(drawn):
             _enter_values(values, batch, self.chart, self.falls)
         return np.column_stack([rows, *values.values()])
+
+    def _simulated(self, drawn: dict[str, np.ndarray]) -> Iterator[PerturbedBatch]:
+        """Simulate perturbed lifts, all of them by one controller."""
+        return simulate_perturbed(self.certificate, drawn, dt=self.dt, controller=self._controller)
+
+    @cached_property
+    def _controller(self) -> HoistIntegral:
+        """The controller of the lift."""
+        return controller_of(self.certificate.lift, dt=self.dt)
 
     def nearest(self, speed: float, gust: np.ndarray) -> Nearest | None:
         """Return what comes nearest to what in a gust; None if the lift breaks off in it.
@@ -244,7 +378,7 @@ class _Trial:
         """
         drawn = _perturbations(np.array([[speed, *gust]]))
         clearance = self.certificate.lift.clearance
-        for perturbed in simulate_perturbed(self.certificate, drawn, dt=self.dt):
+        for perturbed in self._simulated(drawn):
             q = perturbed.batch.q[0]
             if np.isfinite(q).all():
                 return clearance.nearest(q[clearance.nearest_row(q)])
@@ -271,26 +405,23 @@ def _perturbations(rows: np.ndarray) -> dict[str, np.ndarray]:
     }
 
 
-def _worst_gusts(rows: np.ndarray, limits: WindLimit, name: str) -> np.ndarray:
-    """Return the gusts that are worst for a limit, shape (`WORST_COUNT`, 3) or fewer, the worst
-    first: at the weakest speed at which it is not kept, or the strongest if there is none.
+def _speed_of_worst(limits: WindLimit, name: str) -> float:
+    """Return the weakest speed at which a limit is not kept [m/s], or the strongest if there is
+    none.
     """
-    limit = limits.limit(name)
-    broken = limits.speeds[limits.speeds > limit]
-    speed = broken[0] if len(broken) else limit
-    at_speed = rows[rows[:, 0] == speed]
+    broken = limits.speeds[~limits.kept(name)]
+    return float(broken[0] if len(broken) else limits.speeds[-1])
+
+
+def _worst_gusts(rows: np.ndarray, limits: WindLimit, name: str) -> np.ndarray:
+    """Return the gusts that are worst for a limit at the speed of `_speed_of_worst`, shape
+    (`WORST_COUNT`, 3) or fewer, the worst first.
+    """
+    at_speed = rows[rows[:, 0] == _speed_of_worst(limits, name)]
     values = at_speed[:, _FIRST_VALUE + list(limits.allowed).index(name)]
     best_last = values if name == "clearance" else -values
     order = np.argsort(best_last, kind="stable")
     return at_speed[order][:WORST_COUNT, _GUST_COLUMNS]
-
-
-def _speeds_about(limit: float) -> np.ndarray:
-    """Return speeds in parts of a step about a limit: from one part below it to the last part
-    before the next step, as far as they are in the range [m/s].
-    """
-    speeds = limit + STEP / STEP_PARTS * np.arange(-1, STEP_PARTS)
-    return speeds[(speeds > 0.0) & (speeds <= STRONGEST)]
 
 
 def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:

@@ -20,11 +20,11 @@ import coal
 import numpy as np
 import pinocchio as pin
 
-from cranedyn.errors import ModelError
+from cranedyn.checks import within
+from cranedyn.errors import ModelError, OutOfRange
 from cranedyn.lifts.planning.site import HANGING
 from cranedyn.lifts.planning.solids import Solid, convex_hull, rotation_z
 from cranedyn.model.crane import Crane
-from cranedyn.model.load import load_crane
 
 _POSITION_TOLERANCE = 1e-4
 """Largest distance of a joint from where a tower crane has it [m]. The deduction from margins,
@@ -482,44 +482,62 @@ def box_around(points: np.ndarray) -> BoundingBox:
     return BoundingBox((low + high) / 2.0, high - low)
 
 
+def parked_position(crane: Crane, drives: Sequence[float]) -> np.ndarray:
+    """Return the coordinates of a crane that stands still with its rope plumb, shape (n,).
+
+    Args:
+        crane: The crane.
+        drives: Positions of its drives, in their order [rad or m].
+
+    Raises:
+        OutOfRange: If there is another number of drives, or a drive cannot stand there.
+    """
+    count = len(crane.layout.driven)
+    if len(drives) != count:
+        raise OutOfRange("positions of the drives", f"{len(drives)} numbers", f"{count} numbers")
+    q = crane.start.q.copy()
+    layout = crane.layout
+    for index, joint, position in zip(layout.drives, layout.driven, drives, strict=True):
+        lower = float(crane.lower[index])
+        upper = float(crane.upper[index])
+        q[index] = within(f"position of {joint.symbol}", position, lower, upper, joint.unit)
+    # A swing joint is measured from the link before it, which leans where a boom luffs.
+    q[crane.swings] = 0.0
+    q[crane.swings] = -crane.swing_angles(q)
+    return q
+
+
 def neighbour(
     name: str,
+    crane: Crane,
+    q: np.ndarray,
     position: np.ndarray,
     heading: float,
-    drive_position: Mapping[str, float],
-    values: Mapping[str, float],
+    *,
+    standing: bool = True,
 ) -> list[Solid]:
-    """Return a parked tower crane of this project as an obstacle: all that its URDF draws, with
-    hook and load, and its rope.
+    """Return a parked crane as an obstacle: all that its description draws, with hook and load, and
+    its rope.
 
     Args:
         name: Its name.
-        position: Foot of its mast [m], shape (3,).
-        heading: Direction of its jib at zero slew, from X towards Y [rad].
-        drive_position: Its slew [°], trolley radius [m] and cable length [m], by "slew", "trolley",
-            "cable"; 0 leaves a drive where the crane starts.
-        values: Values of the crane that differ from its defaults, by name.
+        crane: The crane.
+        q: Its coordinates, shape (n,), see `parked_position`.
+        position: Foot of its mast [m], shape (3,); of a crane that travels the origin of its frame.
+        heading: Direction of its jib at zero slew, from X towards Y [rad]; of a crane that travels
+            the direction of -Y of its frame.
+        standing: Whether what stands of it counts. A crane on the runway of another one has no
+            rails and columns of its own.
 
     Raises:
-        CraneError: If there is no such crane, or it cannot stand so.
+        CraneError: If its shapes cannot be read.
     """
-    crane = load_crane(values=values)
-    crane.layout.tower("A parked neighbour")
-    coordinates = {
-        "gamma": math.radians(drive_position["slew"]),
-        "x": drive_position["trolley"],
-        "l": drive_position["cable"],
-    }
-    # 0 means the start of the crane, since 0 need not be in the range of a drive.
-    given = {name: value for name, value in coordinates.items() if value}
-    q = crane.state(**given).q
-
     rotation = rotation_z(heading + math.pi / 2.0)  # its jib points along -Y at zero slew
     parts = []
     corners = []
     triangles = []
     corner_count = 0
-    for points in _parts(crane, q):
+    for points in _parts(crane, q, standing=standing):
         placed = points @ rotation.T + position
         hull_corners, hull_triangles = convex_hull(placed)
         parts.append(placed)
@@ -530,23 +548,30 @@ def neighbour(
     return [Solid(name, tuple(parts), np.vstack(corners), np.vstack(triangles))]
 
 
-def _parts(crane: Crane, q: np.ndarray) -> list[np.ndarray]:
+def _parts(crane: Crane, q: np.ndarray, *, standing: bool) -> list[np.ndarray]:
     """Return the corners of all shapes of a crane and of its rope at coordinates of all joints, in
-    the crane's own frame [m], shape (n, 3) each.
+    the crane's own frame [m], shape (n, 3) each; without those of what stands if that does not
+    count.
     """
     data = crane.model.createData()
     pin.forwardKinematics(crane.model, data, q)
     shapes = []
     for joint, corners in shape_corners(crane):
+        if joint == 0 and not standing:
+            continue
         frame = data.oMi[joint]
         placed = frame.rotation @ corners.T + frame.translation[:, None]
         shapes.append(placed.T)
+    if crane.winch is None:
+        return shapes
 
     # The rope hangs plumb: a square column around its falls, from the pivot to the load.
-    _, _, pivot, _, hoist = crane.layout.tower("A parked neighbour")
-    falls = collision_bodies(crane).falls
+    falls = ROPE_RADIUS
+    if crane.layout.has("slew", "trolley"):
+        crane.layout.tower("A parked neighbour")
+        falls = collision_bodies(crane).falls
     square = np.array([[x, y, 0.0] for x, y in itertools.product((-falls, falls), repeat=2)])
-    upper_end = data.oMi[pivot + 1].translation + square
-    lower_end = data.oMi[hoist + 1].translation + square
+    upper_end = data.oMi[int(crane.swings[0]) + 1].translation + square
+    lower_end = data.oMi[int(crane.layout.drives[crane.winch]) + 1].translation + square
     rope = np.vstack([upper_end, lower_end])
     return [*shapes, rope]

@@ -7,14 +7,14 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Mapping
-from typing import Any, get_args
+from typing import get_args
 
-from cranedyn.errors import UnknownName
 from cranedyn.lifts.planning.plan_details import (
     WEIGHT_SOURCES,
     CraneDocuments,
     GroundDetails,
     Job,
+    LiftInShift,
     LoadDetails,
     People,
     PlanDetails,
@@ -63,6 +63,9 @@ LIMIT_FIELDS = _fields_of(SiteLimits)
 
 SAFETY_FIELDS = ("exclusion", "contingency")
 """Fields of [safety]."""
+
+SHIFT_FIELDS = _fields_of(LiftInShift)
+"""Fields of [shift]."""
 
 
 def rigging_tables(rigging: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
@@ -120,7 +123,16 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         limits=_limits(tables["limits"]),
         exclusion=safety.optional_text("exclusion"),
         contingency=safety.texts("contingency"),
+        shift=_shift(tables["shift"]),
     )
+
+
+def _shift(shift: SiteTable) -> LiftInShift | None:
+    """Return what the plan of a shift says of the lift; None if it is of none."""
+    if not shift.values:
+        return None
+    texts = tuple(field for field in SHIFT_FIELDS if field != "others")
+    return LiftInShift(**_texts(shift, texts), others=shift.texts("others"))  # type: ignore[arg-type]
 
 
 def _texts(table: SiteTable, fields: tuple[str, ...]) -> dict[str, str | None]:
@@ -149,7 +161,7 @@ def _load(load: SiteTable) -> LoadDetails:
     """Return what is known of the load beside its mass and its size."""
     centre = load.optional_numbers("centre", 3, allowed=POINT_RANGE)
     return LoadDetails(
-        source=_choice(load, "source", WEIGHT_SOURCES),
+        source=load.optional_choice("source", WEIGHT_SOURCES),
         centre=None if centre is None else (centre[0], centre[1], centre[2]),
         lifting_points=load.points("lifting_points"),
         area=load.optional_number("area", "m²", "> 0"),
@@ -161,7 +173,7 @@ def _slings(slings: SiteTable) -> Slings:
     """Return the slings; the file gives their angle in degrees from the vertical."""
     angle = slings.optional_number("angle", "degrees", "0 to 85")
     return Slings(
-        type=_choice(slings, "type", SLING_TYPES),
+        type=slings.optional_choice("type", SLING_TYPES),
         number=slings.whole("number") if "number" in slings.values else None,
         angle=None if angle is None else math.radians(angle),
         length=slings.optional_number("length", "m", "> 0"),
@@ -204,11 +216,3 @@ def _limits(limits: SiteTable) -> SiteLimits:
         over_services=limits.optional_flag("over_services"),
         blind=limits.optional_flag("blind"),
     )
-
-
-def _choice(table: SiteTable, field: str, allowed: tuple[Any, ...]) -> Any:
-    """Return a text that is one of several; None if it is left out."""
-    value = table.optional_text(field)
-    if value is not None and value not in allowed:
-        table.fail(field, UnknownName(field, value, allowed))
-    return value

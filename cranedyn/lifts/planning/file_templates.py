@@ -39,7 +39,15 @@ def write_file_template(name: str, path: Path) -> None:
         UnknownName: If there is no template of that name.
         DataError: If the file exists or cannot be written.
     """
-    text = template_text(name)
+    write_new_file(path, template_text(name))
+
+
+def write_new_file(path: Path, text: str) -> None:
+    """Write a text to a new file.
+
+    Raises:
+        DataError: If the file exists or cannot be written.
+    """
     if path.exists():
         raise DataError(f"Cannot write {path}: it is there already; name another, or remove it.")
     write_text(path, text)

@@ -200,6 +200,35 @@ class SiteLimits:
 
 
 @dataclass(frozen=True)
+class LiftInShift:
+    """What the plan of a shift says of a lift, as `cranedyn run site --reports` writes it.
+
+    Attributes:
+        site: Name of the site with several cranes.
+        lift: Name of the lift in its list.
+        crane: Name of the crane.
+        begins: When the crane leaves for the load, from the begin of the shift.
+        leaves: When it leaves with the load.
+        delivered: When the load is at its goal.
+        unhooked: When it is unhooked.
+        waits: How long the crane stands because of others, and because of which.
+        after: The lifts whose loads must be unhooked before.
+        others: What each other crane does while this one carries the load, in sentences.
+    """
+
+    site: str | None = None
+    lift: str | None = None
+    crane: str | None = None
+    begins: str | None = None
+    leaves: str | None = None
+    delivered: str | None = None
+    unhooked: str | None = None
+    waits: str | None = None
+    after: str | None = None
+    others: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
 class PlanDetails:
     """All that a lift plan says beside the motion.
 
@@ -216,6 +245,7 @@ class PlanDetails:
         limits: Limits of the site.
         exclusion: How the area below the load is kept clear, in words.
         contingency: What is done if something goes wrong, in sentences.
+        shift: What the plan of a shift says of the lift; None if it is of none.
     """
 
     job: Job = field(default_factory=Job)
@@ -229,3 +259,4 @@ class PlanDetails:
     limits: SiteLimits = field(default_factory=SiteLimits)
     exclusion: str | None = None
     contingency: tuple[str, ...] = ()
+    shift: LiftInShift | None = None

@@ -123,22 +123,32 @@ def _farthest_point(load: LoadDetails) -> float | None:
     return float(np.linalg.norm(offsets[:, :2], axis=1).max())
 
 
+def sling_height(details: PlanDetails) -> float | None:
+    """Return the height from the upper eye of the slings to the lifting points [m]; None if it does
+    not follow from what is entered.
+
+    With the length L of a leg and its angle β from the vertical it is L cos β; without a length,
+    and without a spreader, r / tan β by the lifting point that is farthest from the centre of
+    gravity in plan, at the distance r, whose leg leans most.
+    """
+    angle = sling_angle(details)
+    if angle is None:
+        return None
+    length = details.slings.length
+    if length is not None:
+        return length * math.cos(angle)
+    farthest = _farthest_point(details.load)
+    if farthest is not None and angle > 0.0 and details.spreader is None:
+        return farthest / math.tan(angle)
+    return None
+
+
 def rigging_height(details: PlanDetails) -> float | None:
     """Return the height from the lifting points of the load to the saddle of the hook [m]: of the
     slings and of the spreader; None if it does not follow from what is entered.
     """
-    angle = sling_angle(details)
-    length = details.slings.length
-    farthest = _farthest_point(details.load)
-    if angle is None:
-        return None
-    if length is not None:
-        height = length * math.cos(angle)
-    elif farthest is not None and angle > 0.0 and details.spreader is None:
-        height = farthest / math.tan(angle)
-    else:
-        return None
-    if details.spreader is None:
+    height = sling_height(details)
+    if height is None or details.spreader is None:
         return height
     if details.spreader.height is None:
         return None

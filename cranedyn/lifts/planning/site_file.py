@@ -16,7 +16,7 @@ from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
 from cranedyn.lifts.planning.bim import read_ifc
 from cranedyn.lifts.planning.boom import boom_length, boom_of, telescope_at
-from cranedyn.lifts.planning.crane_bodies import neighbour
+from cranedyn.lifts.planning.crane_bodies import neighbour, parked_position
 from cranedyn.lifts.planning.details_file import (
     CRANE_FIELDS,
     GROUND_FIELDS,
@@ -26,10 +26,12 @@ from cranedyn.lifts.planning.details_file import (
     PEOPLE_FIELDS,
     RIGGING_FIELDS,
     SAFETY_FIELDS,
+    SHIFT_FIELDS,
     details_of,
     rigging_masses,
     rigging_tables,
 )
+from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
     CRANE_HEADING,
@@ -54,6 +56,7 @@ from cranedyn.lifts.planning.site_table import (
     positions_of,
 )
 from cranedyn.lifts.planning.solids import Solid, body, box, prism, read_mesh, rotation_z
+from cranedyn.model.crane import Crane
 from cranedyn.model.description import arguments
 from cranedyn.model.machines import machine_names
 from cranedyn.references.limits import Limits
@@ -71,8 +74,8 @@ their lifts, which would be those of `EXAMPLES` again."""
 SITE_EXAMPLES = (*EXAMPLES, *PLAN_EXAMPLES)
 """Names of all sites that come with the package."""
 
-CHART_EXAMPLES = ("laboratory", "mct88")
-"""Names of the example charts: of this project's crane, and points of a maker's sheet."""
+CHART_EXAMPLES = ("laboratory", "mct88", "terex_rt335", "terex_rt665")
+"""Names of the example charts: of this project's crane, which is none, and of makers' sheets."""
 
 UNBOUNDED = 1e4
 """Height of a zone that enters none [m]: higher than any crane."""
@@ -176,9 +179,7 @@ def _description(crane: SiteTable) -> DescribedCrane | None:
         named_crane[field] = _description_file(crane)
     else:
         known = KINDS if field == "kind" else machine_names()
-        named_crane[field] = crane.text(field)
-        if named_crane[field] not in known:
-            crane.fail(field, UnknownName(field, named_crane[field], known))
+        named_crane[field] = crane.choice(field, known)
     driven = crane.take("driven", names_of, [])
     locked = crane.take("locked", positions_of, {})
     return DescribedCrane(**named_crane, driven=tuple(driven), locked=locked)
@@ -392,7 +393,7 @@ def chart_of(crane: SiteTable) -> Path | str | None:
         return name
     file = crane.file("chart")
     if name.isidentifier() and not file.exists():
-        known = " and ".join(CHART_EXAMPLES)
+        known = in_words(CHART_EXAMPLES)
         crane.fail(
             "chart",
             f"{quoted(name)} is neither a file beside the site nor an example chart; the examples "
@@ -464,8 +465,12 @@ _FIELDS = {
     "rigging": [*RIGGING_FIELDS],
     "limits": [*LIMIT_FIELDS],
     "safety": [*SAFETY_FIELDS],
+    "shift": [*SHIFT_FIELDS],
 }
 """Tables of a site beside its obstacles, with their fields."""
+
+SITE_TABLES = tuple(name for name in _FIELDS if name != "shift")
+"""Names of the tables that somebody may enter; [shift] is written by the plan of a shift."""
 
 
 def solids_of(top: SiteTable, lines: FieldLines, ground: float) -> list[Solid]:
@@ -609,9 +614,7 @@ def _base(base: SiteTable, description: DescribedCrane | None) -> Base | None:
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
     is_mobile = description is not None and description.kind == "mobile"
-    along = base.text("along", "crane" if is_mobile else "site")
-    if along not in ("crane", "site"):
-        base.fail("along", UnknownName("way to lie", along, ("crane", "site")))
+    along = base.choice("along", ("crane", "site"), "crane" if is_mobile else "site", "way to lie")
     return Base(spacing, mass, permitted, turns_with_crane=along == "crane")
 
 
@@ -758,16 +761,46 @@ def _ifc(entry: SiteTable, ground: float) -> list[Solid]:
 
 
 def _neighbour(entry: SiteTable, ground: float) -> list[Solid]:
-    """Return a parked crane with its rope and hook."""
+    """Return a parked crane with its rope and hook, see `_parked` for where its drives stand."""
     position = np.array(entry.numbers("position", 3, default=[0.0, 0.0, ground]))
-    drive_position = {
-        "slew": entry.number("slew", 0.0, "degrees"),
-        "trolley": entry.number("trolley", 0.0, "m"),
-        "cable": entry.number("cable", 0.0, "m"),
-    }
     values = entry.take("values", crane_values, {})
-    heading = entry.angle("heading", -math.pi / 2.0)
-    return neighbour(entry.text("name"), position, heading, drive_position, values)
+    description = _description(entry) or DescribedCrane(kind="tower")
+    heading = entry.angle("heading", CRANE_HEADING)
+    crane = description.load(values)
+    return neighbour(
+        entry.text("name"),
+        crane,
+        _parked(entry, crane),
+        position,
+        heading,
+        standing=not entry.flag("on_runway"),
+    )
+
+
+def _parked(entry: SiteTable, crane: Crane) -> np.ndarray:
+    """Return the coordinates of a neighbour, shape (n,): with its drives at the positions that it
+    enters as `drives`, in degrees where they turn, or, of a tower crane, as `slew`, `trolley` and
+    `cable`, of which 0 means where the crane starts.
+    """
+    driven = crane.layout.driven
+    if "drives" in entry.values:
+        for field in ("slew", "trolley", "cable"):
+            if field in entry.values:
+                entry.fail(field, "drives is given, too; leave one out.")
+        units = ["degrees" if joint.kind == "revolute" else "m" for joint in driven]
+        entered = entry.numbers("drives", len(driven), units=units)
+        positions = []
+        for joint, value in zip(driven, entered, strict=True):
+            positions.append(math.radians(value) if joint.kind == "revolute" else value)
+        return parked_position(crane, positions)
+    coordinates = {
+        "gamma": entry.angle("slew"),
+        "x": entry.number("trolley", 0.0, "m"),
+        "l": entry.number("cable", 0.0, "m"),
+    }
+    # 0 need not be in the range of a drive.
+    given = {symbol: value for symbol, value in coordinates.items() if value}
+    return crane.state(**given).q
 
 
 SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] = {
@@ -777,7 +810,10 @@ SOLIDS: dict[str, tuple[list[str], Callable[[SiteTable, float], list[Solid]]]] =
     "ifc": (["file", "position", "yaw", "hull"], _ifc),
     "keep_out": (["name", "outline", "base", "height"], _zone),
     "neighbour": (
-        ["name", "position", "heading", "slew", "trolley", "cable", "values"],
+        [
+            *("name", "position", "heading", "slew", "trolley", "cable", "values"),
+            *("kind", "file", "machine", "driven", "locked", "drives", "on_runway"),
+        ],
         _neighbour,
     ),
 }

@@ -138,6 +138,21 @@ class SiteTable:
         """
         return self.take(key, _label) if key in self.values else None
 
+    def choice(
+        self, key: str, allowed: Sequence[str], default: str | None = None, noun: str = ""
+    ) -> str:
+        """Return a text that is one of several; without a default it must be there. What an error
+        calls it is the noun, or the field's name.
+        """
+        value = self.text(key, default)
+        if value not in allowed:
+            self.fail(key, UnknownName(noun or key, value, allowed))
+        return value
+
+    def optional_choice(self, key: str, allowed: Sequence[str]) -> Any:
+        """Return a text that is one of several; None if it is left out."""
+        return self.choice(key, allowed) if key in self.values else None
+
     def optional_flag(self, key: str) -> bool | None:
         """Return true or false; None if it is left out."""
         return self.flag(key) if key in self.values else None

@@ -16,6 +16,7 @@ from cranedyn.errors import CraneError, UnknownName, quoted
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.planning.site import KINDS
 from cranedyn.lifts.planning.site_file import (
+    SITE_TABLES,
     SOLIDS,
     chart_of,
     example_path,
@@ -62,13 +63,14 @@ _FIELDS = (
     "brakes",
     "reaction",
     "chart",
+    "report",
 )
 """Fields of a crane."""
 
 SITE_FIELDS = ("ground", "distance", "swing", "wind", "hooking", "crane", *SOLIDS)
 """Fields and tables of a site beside its name and the lifts of a shift."""
 
-_LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after")
+_LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after", "report")
 """Fields of a lift."""
 
 _DEFAULT_KIND = "tower"
@@ -91,6 +93,15 @@ _CONVERTER_BRAKING_SHARE = 0.9
 """Largest deceleration of brakes by converters, over the acceleration of the drive."""
 
 
+def crane_site_path(path: str | Path) -> Path:
+    """Return the path of a site with several cranes, or of the example site of that name.
+
+    Raises:
+        UnknownName: If there is no example of that name.
+    """
+    return example_path(path, SITES, (*EXAMPLES, *SHIFT_EXAMPLES), "site")
+
+
 def read_crane_site(path: str | Path) -> CraneSite:
     """Read a site with several cranes from a TOML file, or the example site of that name.
 
@@ -99,8 +110,8 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = example_path(path, SITES, (*EXAMPLES, *SHIFT_EXAMPLES), "site")
-    top, lines = read_fields(path, [*SITE_FIELDS, "lift"])
+    path = crane_site_path(path)
+    top, lines = read_fields(path, [*SITE_FIELDS, "lift", "report"])
     return crane_site_of(top, lines)
 
 
@@ -117,6 +128,9 @@ def crane_site_of(top: SiteTable, lines: FieldLines) -> CraneSite:
     ground = top.number("ground", 0.0)
     solids = tuple(solids_of(top, lines, ground))
     entries = top.tables("crane", _FIELDS, lines)
+    lift_entries = top.tables("lift", _LIFT_FIELDS, lines)
+    for table in (top, *entries, *lift_entries):
+        _check_report(table)
     stations: list[Station] = []
     for entry in entries:
         stations.append(_station(entry, ground, stations))
@@ -140,9 +154,25 @@ def crane_site_of(top: SiteTable, lines: FieldLines) -> CraneSite:
     for station in stations:
         with _blamed_on(top, "wind"):
             gentle(station, swing, wind)
-    lifts = _lifts(top.tables("lift", _LIFT_FIELDS, lines), [x.name for x in stations])
+    lifts = _lifts(lift_entries, [x.name for x in stations])
     hooking_time = top.number("hooking", HOOKING_TIME, "s", "0 to 3600")
     return replace(site, lifts=lifts, hooking_time=hooking_time)
+
+
+def _check_report(table: SiteTable) -> None:
+    """Check that `report` holds tables of a site with one crane; what is in them is checked when
+    the site of a lift is read.
+    """
+    report = table.values.get("report", {})
+    if not isinstance(report, dict):
+        table.fail("report", "it must hold tables of a lift plan, such as [report.people].")
+    for name, value in report.items():
+        # The line of a table of its own is known by its whole name.
+        field = f"report.{name}"
+        if name not in SITE_TABLES:
+            table.fail(field, UnknownName("table", name, SITE_TABLES))
+        if not isinstance(value, dict):
+            table.fail(field, "it must be a table.")
 
 
 def _lifts(entries: Sequence[SiteTable], cranes: Sequence[str]) -> tuple[ListedLift, ...]:
@@ -312,11 +342,8 @@ def _kind(entry: SiteTable) -> str:
     """Return the kind of a crane of this project, from the field `kind` or `model`."""
     field = "model" if "model" in entry.values else "kind"
     ending = _MODEL_ENDING if field == "model" else ""
-    given = entry.text(field, _DEFAULT_KIND + ending)
     known = [kind + ending for kind in KINDS]
-    if given not in known:
-        entry.fail(field, f"{quoted(given)} is not one of {', '.join(known)}.")
-    return given.removesuffix(ending)
+    return entry.choice(field, known, _DEFAULT_KIND + ending).removesuffix(ending)
 
 
 def _has_own_brakes(entry: SiteTable) -> bool:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -31,6 +33,22 @@ _DISTANCE_RANGE = 20.0
 """Largest distance that is drawn over time, in required distances."""
 
 
+class LiftPage(NamedTuple):
+    """The report of a lift of a shift.
+
+    Attributes:
+        lift: Name of the lift.
+        word: GO, NO GO or NOT COMPLETE; "no report" if there is none.
+        reason: The first reason why it is no GO, or why there is no report; empty for a GO.
+        address: Address of the page, relative to that of the shift; empty if there is none.
+    """
+
+    lift: str
+    word: str
+    reason: str
+    address: str
+
+
 def write_page(run: SiteRun, path: str | Path, shift: ShiftPlan | None = None) -> Path:
     """Write a run as a ``.html`` file, or as a ``.pdf`` file that a browser prints.
 
@@ -46,9 +64,16 @@ def write_page(run: SiteRun, path: str | Path, shift: ShiftPlan | None = None) -
     return write_html_or_pdf(with_ending(path, ".html", ".pdf"), site_html(run, shift))
 
 
-def site_html(run: SiteRun, shift: ShiftPlan | None = None) -> str:
-    """Return a run as one HTML document that needs no other file, with the timetable of the plan
-    that the cranes follow, if there is one.
+def site_html(
+    run: SiteRun, shift: ShiftPlan | None = None, lift_pages: Sequence[LiftPage] = ()
+) -> str:
+    """Return a run as one HTML document that needs no other file.
+
+    Args:
+        run: The run.
+        shift: The plan of the shift that the cranes follow, whose timetable is shown; None if they
+            follow none.
+        lift_pages: The reports of its lifts, to which the page links.
     """
     kind = "under the supervisor" if run.boxes else "without a supervisor"
     lost = lost_time(run)
@@ -69,6 +94,7 @@ def site_html(run: SiteRun, shift: ShiftPlan | None = None) -> str:
         title=f"Site: {run.site.name}",
         about=f"{len(run.swing)} cranes {kind}, {len(run.t) * CYCLE / 60.0:.1f} min.",
         checks=worst_first(checks),
+        lift_pages=lift_pages,
         figures=page_figures(figures),
         tables=page_tables(tables),
     )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -237,3 +238,30 @@ def test_what_a_chart_says_nothing_about_is_not_judged_and_what_it_does_not_perm
     check = utilisation_below_warning(analysis)  # type: ignore[arg-type]
     assert check.verdict is verdict
     assert check.sentence.endswith(": the reason.")
+
+
+def test_charts_of_makers_have_the_loads_of_their_sheets_and_between_them_no_more() -> None:
+    pound = 0.45359237
+    foot = 0.3048
+    large = read_chart("terex_rt665")
+    assert not large.example
+    assert large.booms() == pytest.approx([36.0 * foot, 51.0 * foot], abs=0.005)
+    for boom, radius, load in ((36, 30, 37800), (36, 10, 130000), (51, 45, 21400), (51, 20, 63400)):
+        rated = float(large.on(boom=boom * foot).at(round(radius * foot, 6)))
+        assert load * pound - 1.0 < rated <= load * pound
+    # The same sheet gives the angle of the boom at each radius: its hinge is some four feet behind
+    # the slew axis.
+    hinges = []
+    for boom, radius, angle in ((36, 10, 67.1), (36, 30, 18.0), (51, 10, 74.1), (51, 45, 15.0)):
+        hinges.append(boom * math.cos(math.radians(angle)) - radius)
+    assert np.ptp(hinges) < 0.6
+    small = read_chart("terex_rt335")
+    assert small.booms() == [9.23, 11.89, 15.24]
+    assert float(small.on(boom=15.24).at(12.0)) == 7200.0
+    with pytest.raises(NotCovered):
+        small.on(boom=20.0)
+
+
+def test_a_chart_is_an_example_where_it_says_so() -> None:
+    assert read_chart("laboratory").example
+    assert not read_chart("mct88").example

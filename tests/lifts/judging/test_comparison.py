@@ -229,7 +229,7 @@ def test_the_command_keeps_what_it_refuses_as_rows(
     assert [row["verdict"] for row in read] == ["REFUSED"]
     assert all("m from it" in row["reason"] for row in read)
     page = (out / "comparison.html").read_text()
-    assert "Coarse: 400 perturbed lifts" in page and "Coarse: 2 gusts at each speed" in page
+    assert "Coarse: 400 perturbed lifts" in page and "Coarse: 2 gusts are drawn" in page
     assert not (out / "lift.json").exists()
 
 

@@ -24,13 +24,18 @@ from cranedyn.lifts.judging.drawings import LiftScene, NoDxf, sheets, write_draw
 from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Label, Polyline
 from cranedyn.lifts.judging.drawings.labels import place_texts, text_width
 from cranedyn.lifts.judging.drawings.outlines import crane_shapes
-from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack, sling_height
-from cranedyn.lifts.judging.drawings.sequence import steps_of
+from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack
 from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
-from cranedyn.lifts.judging.drawings.views import across_runway, elevation_view, plan_view
+from cranedyn.lifts.judging.drawings.views import (
+    MAX_NAMED,
+    across_runway,
+    elevation_view,
+    plan_view,
+)
 from cranedyn.lifts.judging.numbered_positions import end_names
 from cranedyn.lifts.judging.report_page import _sheets_or_reason
+from cranedyn.lifts.judging.sequence import motion_steps
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
     LoadDetails,
@@ -38,6 +43,7 @@ from cranedyn.lifts.planning.plan_details import (
     Slings,
     Spreader,
 )
+from cranedyn.lifts.planning.rigging import rigging_height, sling_height
 from cranedyn.lifts.planning.site_file import SITES, read_site
 from cranedyn.lifts.planning.solids import box, prism
 from tests.lifts.judging.test_judgement import small
@@ -235,8 +241,8 @@ def test_without_ezdxf_there_is_a_sentence(tmp_path: Path, monkeypatch: pytest.M
 
 
 def test_the_steps_of_the_sequence_add_up_to_the_lift() -> None:
-    steps = steps_of(scene())
-    assert [step.number for step in steps] == list(range(2, len(scene().positions) + 1))
+    steps = motion_steps(scene().analysis, scene().positions)
+    assert [step.last for step in steps] == list(range(2, len(scene().positions) + 1))
     for before, after in itertools.pairwise(steps):
         assert before.ends == after.begins
     text = " ".join(sentence for step in steps for sentence in step.movements)
@@ -251,10 +257,12 @@ def test_the_cross_section_of_a_bridge_is_the_plane_of_its_trolley() -> None:
 
 
 def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:
-    points = ((-1.0, -0.5, 0.75), (1.0, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
+    points = ((-1.0, -0.5, 0.75), (1.2, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
     angle = math.radians(30.0)
     details = PlanDetails(load=LoadDetails(lifting_points=points), slings=Slings(angle=angle))
-    assert sling_height(details) == pytest.approx(math.hypot(1.0, 0.5) / math.tan(angle))
+    # By the farthest of the points, as the headroom of the checks is.
+    assert sling_height(details) == pytest.approx(math.hypot(1.2, 0.5) / math.tan(angle))
+    assert rigging_height(details) == sling_height(details)
     longer = replace(details, slings=Slings(angle=angle, length=4.0))
     assert sling_height(longer) == pytest.approx(4.0 * math.cos(angle))
     site = replace(small().site, details=longer)
@@ -314,3 +322,20 @@ def test_a_roof_of_triangles_is_in_the_elevation_also_where_its_walls_are_not() 
     assert isinstance(name, Label) and name.text == "slab"
     heights = np.concatenate([np.array(outline.points)[:, 1] for outline in outlines])
     assert heights.min() == pytest.approx(1.0) and 1.2 <= heights.max() <= 1.26
+
+
+def test_of_many_obstacles_the_nearest_and_the_zones_are_named_and_all_are_drawn() -> None:
+    analysis = small()
+    far = [box(f"part {i}", (40.0 + 3.0 * i, 40.0), (1.0, 1.0, 3.0), 0.0) for i in range(20)]
+    zone = prism("street", np.array([[-5.0, 45.0], [0.0, 45.0], [0.0, 49.0]]), 0.0, 6.0, zone=True)
+    site = replace(analysis.site, solids=(*far, zone, *analysis.site.solids))
+    scene = LiftScene.of(replace(analysis, site=site))
+    known = {solid.name for solid in analysis.site.solids}
+    assert known <= scene.named and "street" in scene.named
+    assert len(scene.named) == MAX_NAMED + 1
+    drawing = plan_view(scene)
+    texts = [one.text for one in drawing.primitives if isinstance(one, Label)]
+    assert sum(text.startswith("part ") for text in texts) == MAX_NAMED - len(known)
+    outlines = [one for one in drawing.primitives if isinstance(one, Polyline)]
+    assert sum(one.layer == "obstacles" for one in outlines) >= 20 + len(known)
+    assert any("more are drawn" in note for note in drawing.notes)

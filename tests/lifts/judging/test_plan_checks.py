@@ -325,16 +325,17 @@ def test_steps_follow_each_other_from_the_start_to_the_goal_and_say_what_the_dri
     assert steps[-1].ends == pytest.approx(lift().timed.motion.arrival, abs=0.03)
     for before, after in itertools.pairwise(steps):
         assert before.ends == after.begins
-    actions = " ".join(step.action for step in steps)
-    turned = [float(angle) for angle in re.findall(r"slew (\d+)° to the left", actions)]
+    actions = " ".join(sentence for step in steps for sentence in step.movements)
+    turned = [float(angle) for angle in re.findall(r"Slew (\d+)° to the left", actions)]
     assert "to the right" not in actions
     assert sum(turned) == pytest.approx(2.0 * math.degrees(math.atan(2.0)), abs=len(turned))
-    raised = sum(float(way) for way in re.findall(r"hoist ([\d.]+) m", actions))
-    lowered = sum(float(way) for way in re.findall(r"lower ([\d.]+) m", actions))
+    raised = sum(float(way) for way in re.findall(r"Hoist ([\d.]+) m", actions))
+    lowered = sum(float(way) for way in re.findall(r"Lower ([\d.]+) m", actions))
     assert raised > 3.0 and raised == pytest.approx(lowered, abs=0.1 * len(steps))
     np.testing.assert_allclose(steps[-1].place, [6.0, 12.0, 4.0], atol=0.01)
     # 4.8 °/s are the limit of the slew.
-    rates = [float(rate) for step in steps for rate in re.findall(r"slew ([\d.]+) °", step.speeds)]
+    speeds = " ".join(speed for step in steps for speed in step.speeds)
+    rates = [float(rate) for rate in re.findall(r"slew ([\d.]+) °", speeds)]
     assert 1.0 < max(rates) <= 4.85
 
 

@@ -36,6 +36,7 @@ from cranedyn.lifts.judging.plan_record import (
     read_plan_record,
     recorded_checks,
     recorded_table,
+    sign,
     write_plan_record,
 )
 from cranedyn.lifts.judging.verify_plan import NamedFiles, verify
@@ -251,8 +252,28 @@ def test_checks_have_names_that_their_numbers_do_not_change() -> None:
     recorded = recorded_checks(checks)
     names = [check.name for check in recorded]
     assert names == ["nothing comes nearer than", "slewing", "slewing #2", "perturbed_lifts"]
+
     assert recorded[0].sentence == "Nothing comes nearer than 0.5 m: at t = * s."
     assert mask_times("cut-out at 12.3 s; 33 s in all") == "cut-out at * s; 33 s in all"
+
+
+def test_no_two_checks_of_a_record_have_one_name() -> None:
+    """A check whose own name is that of a second one of another name."""
+    checks = [Check("A.", True, name) for name in ("x", "x #2", "x", "x", "x #3")]
+    names = [check.name for check in recorded_checks(checks)]
+    assert names == ["x", "x #2", "x #3", "x #4", "x #3 #2"]
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("A" * 201, "The name has 201 letters; allowed are 200"), ("  ", "The name")],
+)
+def test_a_name_that_is_too_long_or_empty_signs_nothing(name: str, words: str) -> None:
+    result = PlanResult("GO", (), ())
+    record = PlanRecord(1, PlanInputs(PlanOptions("site.toml"), (), "0" * 64, {}), result)
+    with pytest.raises(CraneError, match=words):
+        sign(record, name, "prepared", "2026-11-28")
+    assert sign(record, "A" * 200, "prepared", "2026-11-28").signed
 
 
 HOSTILE = [

@@ -5,6 +5,7 @@ limit.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from types import SimpleNamespace
 from typing import Any
 
@@ -181,58 +182,125 @@ def test_what_is_no_limit_is_refused_before_any_lift(change: dict[str, Any], wor
         wind_limit(certificate, CHART, **change)
 
 
-def test_gusts_are_drawn_over_the_whole_lift_from_every_side_and_limits_are_the_sites(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    drawn: list[dict[str, np.ndarray]] = []
+def stand_in_certificate(distance: float = 0.65, arrival: float = 40.0) -> Any:
+    """Return what the search for the worst gust asks of a certificate: a lift on 20 m of rope."""
+    planned = SimpleNamespace(
+        clearance=SimpleNamespace(
+            site=SimpleNamespace(distance=distance), cable=lambda q: np.full(len(q), 20.0)
+        ),
+        timed=SimpleNamespace(motion=SimpleNamespace(arrival=arrival)),
+        crane=SimpleNamespace(gravity=9.81),
+    )
+    return SimpleNamespace(lift=planned, run=SimpleNamespace(q=np.zeros((2, 5))))
+
+
+def by_hand(
+    monkeypatch: pytest.MonkeyPatch, clearance: Callable[[dict[str, np.ndarray]], Any]
+) -> list[dict[str, np.ndarray]]:
+    """Put a function of the gusts in the place of simulated lifts; return the list of all gusts
+    that are tried, which grows.
+    """
+    tried: list[dict[str, np.ndarray]] = []
 
     def simulated(_: object, gusts: dict[str, np.ndarray], **__: object) -> list[Any]:
-        drawn.append(gusts)
+        tried.append(gusts)
         return [gusts]
 
-    def note(
-        values: dict[str, np.ndarray], gusts: dict[str, np.ndarray], chart: Chart, falls: int
-    ) -> None:
-        assert chart is CHART and falls == 4
-        values["clearance"][:] = 0.7
+    def note(values: dict[str, np.ndarray], gusts: dict[str, np.ndarray], *_: object) -> None:
+        values["clearance"][:] = clearance(gusts)
         values["utilisation"][:] = 0.5
         values["swing"][:] = 0.01
 
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", simulated)
+    monkeypatch.setattr(wind_limit_module, "controller_of", lambda *_, **__: None)
     monkeypatch.setattr(wind_limit_module, "_enter_values", note)
-    planned = SimpleNamespace(
-        clearance=SimpleNamespace(site=SimpleNamespace(distance=0.65)),
-        timed=SimpleNamespace(motion=SimpleNamespace(arrival=40.0)),
-    )
-    certificate: Any = SimpleNamespace(lift=planned)
-    found = wind_limit(certificate, CHART, 4, swing=0.07, count=400)
+    monkeypatch.setattr(wind_limit_module._Trial, "nearest", lambda *_: None)
+    return tried
+
+
+def test_gusts_are_tried_over_the_whole_lift_from_every_side_and_limits_are_the_sites(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    tried = by_hand(monkeypatch, lambda _: 0.7)
+    found = wind_limit(stand_in_certificate(), CHART, 4, swing=0.07, count=400)
     assert found.allowed == {"utilisation": 1.0, "swing": 0.07, "clearance": 0.65}
-    first = drawn[0]
-    assert {*first["gust_m_s"] + first["wind_m_s"]} == {4.0, 8.0, 12.0, 16.0, 20.0, 24.0, 28.0}
-    # 400 of each: a tenth of a range at either end is missed by 0.9^400.
+    assert found.limit() == 28.0 and found.drawn == 400
+    # A period of the swing is 9.0 s: four starts in each, and both ends.
+    starts = np.unique(tried[0]["gust_at_s"])
+    assert starts[0] == 0.0 and starts[-1] == 40.0 and np.diff(starts).max() <= 9.0 / 4.0
+    assert np.unique(tried[0]["gust_lasts_s"]).tolist() == [3.0, 6.0, 9.0, 12.0]
+    turns = np.unique(tried[0]["direction_rad"])
+    np.testing.assert_allclose(np.diff(turns), math.pi / 4.0)
+    assert len(tried[0]["gust_at_s"]) == len(starts) * 4 * 8
+    # The whole grid at the limit, and 400 that are drawn: 0.9^400 is the chance to miss a tenth.
+    at_limit = [gusts for gusts in tried if (gusts["wind_m_s"] + gusts["gust_m_s"] == 28.0).all()]
+    assert found.at_limit >= sum(len(gusts["gust_at_s"]) for gusts in at_limit)
+    drawn = at_limit[-1]
+    assert len(drawn["gust_at_s"]) == 400
     for name, low, high in (
         ("gust_at_s", 0.0, 40.0),
         ("gust_lasts_s", 3.0, 12.0),
         ("direction_rad", -math.pi, math.pi),
     ):
         tenth = (high - low) / 10.0
-        assert low <= first[name].min() < low + tenth and high - tenth < first[name].max() <= high
-    assert (first["load"] == 1.0).all() and not first["cable_m"].any() and not first["late_s"].any()
-    for later in drawn:
-        assert later["gust_at_s"].min() >= 0.0 and later["gust_at_s"].max() <= 40.0
-        assert later["gust_lasts_s"].min() >= 3.0 and later["gust_lasts_s"].max() <= 12.0
-    assert found.limit() == 28.0
+        assert low <= drawn[name].min() < low + tenth and high - tenth < drawn[name].max() <= high
+    for gusts in tried:
+        assert (gusts["load"] == 1.0).all()
+        assert not gusts["cable_m"].any() and not gusts["late_s"].any()
+        assert gusts["gust_at_s"].min() >= 0.0 and gusts["gust_at_s"].max() <= 40.0
+        assert gusts["gust_lasts_s"].min() >= 3.0 and gusts["gust_lasts_s"].max() <= 12.0
+
+
+def test_more_gusts_never_raise_the_limit_and_lower_it_where_the_grid_misses_the_worst(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A gust that is bad in a corner of the ranges alone, which no gust of the grid is near."""
+
+    def clearance(gusts: dict[str, np.ndarray]) -> np.ndarray:
+        in_corner = np.abs(gusts["gust_at_s"] - 1.0) < 0.6
+        in_corner &= np.abs(gusts["gust_lasts_s"] - 4.5) < 1.2
+        speed = gusts["wind_m_s"] + gusts["gust_m_s"]
+        return np.where(in_corner & (speed > 6.5), 0.1, 12.65 - speed)
+
+    by_hand(monkeypatch, clearance)
+    limits = []
+    shares = []
+    for count in (1, 2, 8, 32, 128, 512):
+        found = wind_limit(stand_in_certificate(), CHART, count=count)
+        limits.append(found.limit())
+        shares.append(found.largest_share)
+    assert limits == sorted(limits, reverse=True)
+    assert limits[0] == 12.0 and limits[-1] == 6.0
+    # None of n: 1 - 0.05^(1/n).
+    np.testing.assert_allclose(shares[:3], [0.95, 1.0 - 0.05**0.5, 1.0 - 0.05**0.125])
+
+
+def test_the_search_finds_the_worst_gust_between_those_of_the_grid(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A smooth worst case between the gusts of the grid: these alone have 15.5 m/s as a limit."""
+    tried = by_hand(monkeypatch, lambda gusts: _smooth(gusts))
+    found = wind_limit(stand_in_certificate(), CHART, count=1)
+    assert found.interval() == (14.0, 15.0)
+    # One number is drawn, so that it is not chance that found it.
+    assert len(tried[-1]["gust_at_s"]) == 1
+
+
+def _smooth(gusts: dict[str, np.ndarray]) -> np.ndarray:
+    """Return a clearance that is least for a gust at 21.2 s of 7.5 s from 22.5°."""
+    speed = gusts["wind_m_s"] + gusts["gust_m_s"]
+    worst = np.cos(2.0 * math.pi * (gusts["gust_at_s"] - 21.2) / 9.0)
+    worst *= np.exp(-(((gusts["gust_lasts_s"] - 7.5) / 4.0) ** 2))
+    worst *= np.cos(gusts["direction_rad"] - math.pi / 8.0)
+    return 15.15 - speed * worst
 
 
 def test_a_lift_of_which_nothing_is_told_keeps_no_limit(monkeypatch: pytest.MonkeyPatch) -> None:
     """All of its simulations failed."""
     monkeypatch.setattr(wind_limit_module, "simulate_perturbed", lambda *_, **__: [])
-    planned = SimpleNamespace(
-        clearance=SimpleNamespace(site=SimpleNamespace(distance=0.5)),
-        timed=SimpleNamespace(motion=SimpleNamespace(arrival=40.0)),
-    )
-    certificate: Any = SimpleNamespace(lift=planned)
-    found = wind_limit(certificate, CHART, count=4)
+    monkeypatch.setattr(wind_limit_module, "controller_of", lambda *_, **__: None)
+    found = wind_limit(stand_in_certificate(), CHART, count=4)
+    assert found.drawn == 0 and found.largest_share == 1.0
     assert found.limit() == 0.0 and found.interval()[0] == 0.0
     for name in NAMES:
         assert found.limit(name) == 0.0

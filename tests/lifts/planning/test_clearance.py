@@ -22,6 +22,7 @@ from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.crane_bodies import (
     collision_bodies,
     neighbour,
+    parked_position,
     read_shapes,
     shape_corners,
 )
@@ -216,8 +217,9 @@ def test_rope_and_trolley_keep_from_a_post_beside_them_by_what_the_urdf_draws() 
 @pytest.mark.slow
 def test_the_rope_of_a_parked_neighbour_is_in_the_way() -> None:
     """A ball beside it, ten metres above its load and as far below its trolley."""
-    place = {"slew": 0.0, "trolley": 15.0, "cable": 24.0}
-    (solid,) = neighbour("n", np.array([30.0, 0.0, 0.0]), np.pi, place, {})
+    parked = load_crane()
+    q = parked_position(parked, [0.0, 15.0, 24.0])
+    (solid,) = neighbour("n", parked, q, np.array([30.0, 0.0, 0.0]), np.pi)
     field = Field([("n", one) for one in solid.geometries()])
     ball = Body(coal.Sphere(0.25), 0.0)
     least = field.least(ball.put(coal.Transform3s(np.array([13.0, 0.0, 14.0]))))

@@ -498,9 +498,8 @@ def test_no_slew_angle_that_is_none_is_free() -> None:
 
 @pytest.mark.slow
 def test_a_parked_crane_is_an_obstacle_of_all_its_parts() -> None:
-    (parked,) = neighbour(
-        NAME, np.array([30.0, 0.0, 0.0]), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, {}
-    )
+    other = load_crane()
+    (parked,) = neighbour(NAME, other, other.start.q, np.array([30.0, 0.0, 0.0]), 0.0)
     where = clearance(parked)
     assert len(parked.parts) > 2
     covered = hanging_pairs(where) | slewing_pairs(where) | standing_parts(where).pairs

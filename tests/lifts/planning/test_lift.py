@@ -460,7 +460,8 @@ def test_a_crane_of_other_joints_is_refused_in_a_sentence(other: dict[str, float
         plan_lift(site(WALL), LIMITS, crane=load_crane(**other))  # type: ignore[arg-type]
     sentence = " is made for a tower crane of five joints; this one also moves in "
     with pytest.raises(ModelError, match=f"A parked neighbour{sentence}"):
-        neighbour("n", np.zeros(3), 0.0, {"slew": 0.0, "trolley": 0.0, "cable": 0.0}, other)
+        parked = load_crane(**other)  # type: ignore[arg-type]
+        neighbour("n", parked, parked.start.q, np.zeros(3), 0.0)
 
 
 # --- perturbed ------------------------------------------------------------------------------------

@@ -243,7 +243,7 @@ def read(tmp_path: Path, text: str) -> CraneSite:
             "{bridge_init = 48.0,", "{span = 18.0, bridge_init = 48.0,",
             "runway: .*its rails and columns differ",
         ),
-        ('"overhead"\nrunway', '"truck"\nrunway', "kind: truck is not one of tower, luffing, ov"),
+        ('"overhead"\nrunway', '"truck"\nrunway', "There is no kind 'truck'; there are tower, lu"),
         ('"overhead"\nrunway', '"overhead"\nmodel = "tower_crane"\nrunway', "model: kind is given"),
         ('runway = "west"\n', 'runway = "west"\nbrakes = "gears"\n', "brakes of a crane without a"),
     ],

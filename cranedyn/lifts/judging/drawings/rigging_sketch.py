@@ -22,7 +22,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
     title_block,
 )
 from cranedyn.lifts.planning.plan_details import PlanDetails
-from cranedyn.lifts.planning.rigging import sling_angle
+from cranedyn.lifts.planning.rigging import sling_angle, sling_height
 from cranedyn.lifts.planning.site import Site
 
 _SKETCH_HEIGHT = 150.0
@@ -78,27 +78,6 @@ def rigging_stack(site: Site) -> RiggingStack:
     if details.spreader is not None:
         spreader = details.spreader.height
     return RiggingStack(details.hook_block_height, spreader, sling_height(details), _below(site))
-
-
-def sling_height(details: PlanDetails) -> float | None:
-    """Return the height from the upper eye of the slings to the lifting points [m]; None if it does
-    not follow from what was entered.
-
-    With the length L of a leg and its angle β from the vertical it is L cos β; with lifting points
-    at a mean distance r from the middle, and no spreader, r / tan β.
-    """
-    slings = details.slings
-    angle = sling_angle(details)
-    if angle is None:
-        return None
-    if slings.length is not None:
-        return slings.length * math.cos(angle)
-    points = np.array(details.load.lifting_points)
-    if len(points) and details.spreader is None and angle > 1e-6:
-        middle = points[:, :2].mean(axis=0)
-        radius = float(np.linalg.norm(points[:, :2] - middle, axis=1).mean())
-        return radius / math.tan(angle)
-    return None
 
 
 def _below(site: Site) -> float | None:

@@ -7,6 +7,7 @@ Points are in the frame of the site [m]; in an elevation, to the right and upwar
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -41,6 +42,7 @@ from cranedyn.lifts.judging.drawings.swept import (
     unit_in_plan,
 )
 from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
+from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
 from cranedyn.lifts.planning.solids import Solid
@@ -62,6 +64,9 @@ _LEAST_THICKNESS = 0.05
 
 _UNBOUNDED_TOP = 1000.0
 """Height from which on the top of a zone is not told [m]: it is higher than any crane."""
+
+MAX_NAMED = 12
+"""Most obstacles beside zones whose names are on a drawing."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,6 +119,31 @@ class LiftScene:
         """
         return [_elevation_of_solid(self, solid) for solid in self.analysis.site.solids]
 
+    @cached_property
+    def named(self) -> frozenset[str]:
+        """The obstacles whose names are drawn: the zones, and of the others those that come nearest
+        to what hangs, at most `MAX_NAMED`. A building model has hundreds of parts.
+        """
+        solids = self.analysis.site.solids
+        zones = {solid.name for solid in solids if solid.zone}
+        distances = self.analysis.certificate.distances
+        nearest = sorted(
+            (solid.name for solid in solids if not solid.zone),
+            key=lambda name: float(distances[name].min()) if name in distances else math.inf,
+        )
+        return frozenset(zones | {*nearest[:MAX_NAMED]})
+
+    def with_names(self, solids: Sequence[Sequence[Primitive]]) -> list[Primitive]:
+        """Return the outlines of all obstacles, with the names of those in `named`.
+
+        Args:
+            solids: `solids_in_plan` or `solids_in_elevation`.
+        """
+        primitives: list[Primitive] = []
+        for solid, outlines in zip(self.analysis.site.solids, solids, strict=True):
+            primitives += outlines if solid.name in self.named else outlines[:-1]
+        return primitives
+
     @property
     def clearance(self) -> Clearance:
         """Crane and site."""
@@ -138,10 +168,7 @@ class LiftScene:
         """Return the distance in plan of the load from the slew axis at a position [m]; None for a
         crane that does not turn.
         """
-        shape = self.shapes[index]
-        if shape.axis is None:
-            return None
-        return float(np.linalg.norm((shape.centre - shape.axis)[:2]))
+        return radius_of_load(self.clearance, self.positions[index].place)
 
     def hook_height(self, index: int) -> float:
         """Return the height of the saddle of the hook above the ground at a position [m]: from the
@@ -194,8 +221,7 @@ def plan_view(scene: LiftScene) -> Drawing:
     """Return the plan of a lift in the coordinates of the site."""
     site = scene.analysis.site
     primitives: list[Primitive] = []
-    for outlines in scene.solids_in_plan:
-        primitives += outlines
+    primitives += scene.with_names(scene.solids_in_plan)
     primitives += _area("exclusion", scene.swept.exclusion)
     primitives += _area("envelope", scene.swept.envelope)
     primitives += _slewing(scene)
@@ -415,6 +441,12 @@ def _plan_notes(scene: LiftScene) -> list[str]:
     ]
     if scene.nearest is not None:
         notes.append("The least distance is one in space; its line is what is seen of it.")
+    unnamed = len(site.solids) - len(scene.named)
+    if unnamed:
+        notes.append(
+            f"Named are the zones and the {MAX_NAMED} obstacles nearest to what hangs; {unnamed} "
+            "more are drawn."
+        )
     entered = site.details.exclusion
     notes.append(f"How it is kept clear: {(entered or 'not entered').rstrip('.')}.")
     if site.details.ground.north is None:
@@ -524,8 +556,7 @@ def elevation_view(scene: LiftScene) -> Drawing:
     site = scene.analysis.site
     turns = scene.swept.passed is not None
     primitives: list[Primitive] = []
-    for outlines in scene.solids_in_elevation:
-        primitives += outlines
+    primitives += scene.with_names(scene.solids_in_elevation)
     primitives += _crane_in_elevation(scene)
     primitives.append(polyline("path", _flat_path(scene)))
     for i, position in enumerate(scene.positions):
