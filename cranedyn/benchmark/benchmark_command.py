@@ -197,7 +197,10 @@ def _compare(options: argparse.Namespace) -> int:
     for result in (first, *others):
         print(f"{result.entry}: {totals(scores(result, tasks))}")
     for other in others:
-        print(f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better")
+        print(
+            f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better, and an "
+            "instance\nthat only the 1st passed counts as ∞, one that only the 2nd passed as 0"
+        )
         print(benchmark_table(compare(first, other, tasks)))
     if options.figure:
         from cranedyn.benchmark.figures import write_figure
