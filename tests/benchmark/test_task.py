@@ -40,7 +40,7 @@ def test_every_crane_has_a_task_of_every_kind_and_moves_have_their_least_time() 
     for crane in {task.crane_name for task in tasks}:
         assert [task.kind for task in tasks if task.crane_name == crane] == [*KINDS]
     for task in tasks:
-        # That of the crane with a sling was not computed, as its page says.
+        # For the crane with a sling the optimiser does not converge, as the page says.
         has_limit = task.kind in MOVES and task.crane_name != "hook"
         assert (task.least_time is not None) == has_limit
 
