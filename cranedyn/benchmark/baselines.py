@@ -47,6 +47,13 @@ EFFORT_FACTOR = 3.0
 saturate, whose lag and jerk are long beside its swing; with 10 and more a swing decays slowly. Our
 choice, on the crane inteco."""
 
+MPC_POINTS = 20
+"""Points of the horizon of `cranedyn.benchmark.papers.CraneMpc`."""
+
+MPC_EVERY = 2
+"""Control periods from one optimisation of `kaepernick_mpc` to the next. Our choice: it takes some
+milliseconds for each axis."""
+
 YIELD_RECOVERY = 0.3
 """Share of the distance of yielding drives from their reference that is taken back per second
 [1/s]. Our choice."""
@@ -355,9 +362,176 @@ def _receding(briefing: Briefing, motion: Motion | None) -> Any:
     )
 
 
+# --- controllers of other papers ------------------------------------------------------------------
+
+
+def kaepernick_mpc(briefing: Briefing) -> Entry:
+    """Predictive control of Käpernick and Graichen (2013), a problem for each axis; bridge cranes
+    only, no paths and operators.
+    """
+    from cranedyn.benchmark.papers import GRAMPC_ROPE, GRAMPC_SWING_RATE, CraneMpc
+
+    _check_bridge_crane(briefing)
+    if briefing.kind not in (*MOVES, "wind"):
+        raise Declined("It goes to a goal that stays.")
+    assert briefing.goal is not None
+    converters = briefing.converters
+    drives = briefing.crane.layout.drives
+    goal = briefing.goal.q[drives]
+    ropes = (briefing.start.q[drives[2]], goal[2])
+    # The rope of the example is 2 m long; times grow with the square root of lengths.
+    scale = max(ropes) / GRAMPC_ROPE
+    bridge_a, trolley_a, hoist_a = PLANNED_SHARE * converters.accelerations
+    common = {
+        "swing_rate": GRAMPC_SWING_RATE / math.sqrt(scale),
+        "scale": scale,
+        "gravity": briefing.crane.gravity,
+    }
+    bridge = CraneMpc(accelerations=[bridge_a, hoist_a], hoists=False, **common)
+    trolley = CraneMpc(accelerations=[trolley_a, hoist_a], **common)
+    points = trolley.step * np.arange(MPC_POINTS)
+    # The rates of a plan are commanded so much earlier as the drives are late.
+    lead = briefing.period + converters.delay + converters.lags
+    plans = np.zeros((MPC_POINTS, 3))
+    begun = -math.inf
+
+    def rates(reading: SensorReading) -> np.ndarray:
+        nonlocal plans, begun
+        if reading.t - begun > (MPC_EVERY - 0.5) * briefing.period:
+            begun = reading.t
+            x, rope = reading.position[1:]
+            x_rate, rope_rate = reading.rate[1:]
+            phi, theta = reading.swing
+            phi_rate, theta_rate = reading.swing_rate
+            state = np.array([x, x_rate, rope, rope_rate, phi, phi_rate])
+            along, _ = trolley.plan(state, np.array([goal[1], 0.0, goal[2], 0.0, 0.0, 0.0]))
+            state = np.array([reading.position[0], reading.rate[0], rope, 0.0, theta, theta_rate])
+            across, _ = bridge.plan(state, np.array([goal[0], 0.0, rope, 0.0, 0.0, 0.0]))
+            plans = np.column_stack([across[:, 1], along[:, 1], along[:, 3]])
+        ahead = reading.t - begun + lead
+        planned = [np.interp(t, points, plan) for t, plan in zip(ahead, plans.T, strict=True)]
+        return np.clip(planned, -converters.rates, converters.rates)
+
+    return rates
+
+
+def container_crane_lqr(briefing: Briefing) -> Entry:
+    """An LQR about the motion of least swing of Augustin and Maurer (2001); where a trolley and its
+    rope alone move.
+    """
+    from cranedyn.benchmark.papers import ContainerCrane, minimum_swing
+
+    _check_bridge_crane(briefing)
+    if briefing.kind not in MOVES:
+        raise Declined("It plans a move from rest to rest.")
+    assert briefing.goal is not None
+    crane = briefing.crane
+    drives = crane.layout.drives
+    start = briefing.start.q[drives]
+    goal = briefing.goal.q[drives]
+    if start[0] != goal[0]:
+        raise Declined("It plans a trolley and its rope in a plane; here the bridge moves as well.")
+    limits = _planning_limits(briefing)
+    _, trolley_rate, hoist_rate = limits.rates
+    _, trolley_acceleration, hoist_acceleration = limits.accelerations
+    plan = minimum_swing(
+        ContainerCrane(
+            start=(start[1], start[2], 0.0, 0.0, 0.0, 0.0),
+            goal=(goal[1], goal[2], 0.0, 0.0, 0.0, 0.0),
+            duration=briefing.moderate_duration,
+            c4=0.0,
+            c5=crane.gravity,
+            trolley=trolley_acceleration,
+            hoist=(-hoist_acceleration, hoist_acceleration),
+            rates=(trolley_rate, hoist_rate),
+        )
+    )
+    rows = round(briefing.moderate_duration / briefing.period) + 1
+    times = briefing.period * np.arange(rows)
+    x, rope, angle, x_rate, rope_rate, angle_rate = [
+        np.interp(times, plan.t, column) for column in plan.x.T
+    ]
+    u, rope_acceleration = [np.interp(times, plan.t, column) for column in plan.u.T]
+    angle_acceleration = -(u + crane.gravity * angle + 2.0 * rope_rate * angle_rate) / rope
+    samples = np.zeros((3, rows, crane.layout.n))
+    samples[0] = briefing.start.q
+    samples[:, :, drives[1]] = x, x_rate, u
+    samples[:, :, drives[2]] = rope, rope_rate, rope_acceleration
+    # The angle of the paper is positive where the load leads, that of the crane where it lags.
+    samples[:, :, crane.swings[0]] = -angle, -angle_rate, -angle_acceleration
+    # After its last row the crane stands still.
+    samples[1:, -1] = 0.0
+    q, v, a = samples
+    return _tracked(briefing, Motion(briefing.period, q, v, a, drives))
+
+
+def _check_bridge_crane(briefing: Briefing) -> None:
+    """Check that a crane has a bridge, a trolley and a hoist, and a load on a rope.
+
+    Raises:
+        Declined: If it has not.
+    """
+    crane = briefing.crane
+    drives = [joint.symbol for joint in crane.layout.driven]
+    if drives != ["bridge", "x", "l"] or len(crane.swings) != 2:
+        raise Declined("It is for cranes with a bridge, a trolley, a hoist, and a load on a rope.")
+
+
+# --- trained policies -----------------------------------------------------------------------------
+
+
+def ppo_inteco(briefing: Briefing) -> Entry:
+    """A small network trained by PPO on the crane inteco; no paths and operators."""
+    return _trained(briefing, "ppo_inteco")
+
+
+def sac_inteco(briefing: Briefing) -> Entry:
+    """A small network trained by SAC on the crane inteco; no paths and operators."""
+    return _trained(briefing, "sac_inteco")
+
+
+def _trained(briefing: Briefing, name: str) -> Entry:
+    """Return a trained policy.
+
+    Raises:
+        Declined: On another crane than that on which it was trained, on a path, and under an
+            operator.
+    """
+    from cranedyn.benchmark.policy import FOLDER, read_policy
+
+    policy = read_policy(FOLDER / f"{name}.npz")
+    trained_on = policy.task.partition("/")[0]
+    if briefing.task.partition("/")[0] != trained_on:
+        raise Declined(f"It was trained on the crane {trained_on}.")
+    if briefing.kind not in (*MOVES, "wind"):
+        raise Declined("It was trained to go to a goal that stays.")
+    assert briefing.goal is not None
+    goal = briefing.goal.q[briefing.crane.layout.drives]
+    command = np.zeros(len(goal))
+    next_action = 0.0
+
+    def rates(reading: SensorReading) -> np.ndarray:
+        nonlocal command, next_action
+        if reading.t > next_action - 0.5 * briefing.period:
+            next_action += policy.period
+            action = policy.action(
+                goal - reading.position,
+                reading.position,
+                reading.rate,
+                reading.swing,
+                reading.swing_rate,
+            )
+            command = action * policy.scales.rate
+        return command
+
+    return rates
+
+
 NAMES = (
     *("spline_alone", "spline_pd", "paper_lqr_pid", "full_lqr", "flat_lqr", "fastest_flat_lqr"),
     *("least_time_lqr", "least_swing_lqr", "operator_alone", "operator_zv", "operator_zvd"),
     *("operator_ei", "yielding_drives", "mpc_path", "mpc_goal"),
+    *("kaepernick_mpc", "container_crane_lqr"),
+    *("ppo_inteco", "sac_inteco"),
 )
 """Names of the baselines."""

@@ -207,7 +207,10 @@ def _compare(options: argparse.Namespace) -> int:
     for result in (first, *others):
         print(f"{result.entry}: {totals(scores(result, tasks))}")
     for other in others:
-        print(f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better")
+        print(
+            f"\n{other.entry} (2nd) over {first.entry} (1st); below 1 the 2nd is better, and an "
+            "instance\nthat only the 1st passed counts as ∞, one that only the 2nd passed as 0"
+        )
         print(benchmark_table(compare(first, other, tasks)))
     if options.figure:
         from cranedyn.benchmark.figures import write_figure
@@ -354,6 +357,25 @@ def _least_times(options: argparse.Namespace) -> int:
     return 0 if agree else FAILED
 
 
+def _configure_papers(parser: Parser) -> None:
+    """Compute the published cases of controllers of other papers beside their numbers."""
+    parser.set_defaults(run=_papers)
+
+
+def _papers(options: argparse.Namespace) -> int:
+    """Print published numbers beside ours."""
+    from cranedyn.benchmark.papers import paper_table, reproduced
+
+    print(paper_table(reproduced()))
+    print(
+        next_lines(
+            "cranedyn benchmark run kaepernick_mpc --tasks gantry/move",
+            "cranedyn benchmark run container_crane_lqr --tasks gantry/move",
+        )
+    )
+    return 0
+
+
 _COMMANDS: dict[str, tuple[Callable[[Parser], None], str]] = {
     "list": (_configure_list, "cranedyn benchmark list"),
     "run": (_configure_run, "cranedyn benchmark run mine.py:controller --tasks tower"),
@@ -361,6 +383,7 @@ _COMMANDS: dict[str, tuple[Callable[[Parser], None], str]] = {
     "verify": (_configure_verify, "cranedyn benchmark verify mine.json --sample 10"),
     "header": (_configure_header, "cranedyn benchmark header"),
     "validity": (_configure_validity, "cranedyn benchmark validity full_lqr mpc_goal"),
+    "papers": (_configure_papers, "cranedyn benchmark papers"),
     "limits": (_configure_limits, "cranedyn benchmark limits --tasks inteco/move"),
 }
 """Functions that configure the commands, whose first line is the help, and an example of each."""

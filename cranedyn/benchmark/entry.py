@@ -24,8 +24,9 @@ from functools import cached_property
 import numpy as np
 
 from cranedyn.benchmark.sensors import SensorReading
-from cranedyn.benchmark.task import CraneTask
+from cranedyn.benchmark.task import CraneTask, Sea
 from cranedyn.controllers.velocity_command import as_velocity_command
+from cranedyn.dynamics.bodies import point_paths
 from cranedyn.dynamics.converters import Converters
 from cranedyn.errors import CraneError
 from cranedyn.interfaces import Controller, Reference, State
@@ -69,6 +70,9 @@ class Briefing:
             None for a task without a path.
         tolerance: Distance of the load from its goal up to which it counts as settled [m].
         swing_bound: Largest swing allowed [rad].
+        sea: The sea in which the crane stands on a ship, and how the ship answers it; None on land.
+            The motion of the ship is not measured: encoders of drives and swing, start, goal and
+            path are all relative to the deck, which tilts.
     """
 
     task: str
@@ -83,6 +87,7 @@ class Briefing:
     path: Reference | None
     tolerance: float
     swing_bound: float
+    sea: Sea | None = None
 
     @property
     def limits(self) -> Limits:
@@ -145,12 +150,15 @@ class Briefing:
 
     @cached_property
     def swing_period(self) -> float:
-        """Period of the load as a pendulum on the longer of its ropes at start and goal [s]."""
+        """Period of the load as a pendulum on the longer of its ropes at start and goal, with hook
+        and sling if there are any [s].
+        """
         crane = self.crane
         lengths = []
         for state in (self.start, self.goal):
-            if state is not None and crane.winch is not None:
-                lengths.append(float(state.q[crane.layout.drives[crane.winch]]))
+            if state is not None:
+                load, pivot = point_paths(crane, state.q[None])[0, :2]
+                lengths.append(float(np.linalg.norm(load - pivot)))
         return 2.0 * np.pi * float(np.sqrt(max(lengths) / crane.gravity))
 
     def spline_to_goal(self, duration: float) -> Reference:
@@ -202,6 +210,7 @@ def briefing_of(task: CraneTask) -> Briefing:
         path=task.path(),
         tolerance=task.tolerance,
         swing_bound=task.swing_bound,
+        sea=task.sea,
     )
 
 

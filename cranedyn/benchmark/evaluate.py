@@ -229,6 +229,7 @@ def _simulated(
             control_period=task.period,
             drive=task.converters(instance.values["lag_factor"]),
             disturbance=_disturbance(instance, crane),
+            base=instance.base_motion(),
             engine=variant.engine,
         )
 

@@ -20,6 +20,8 @@ import numpy as np
 
 from cranedyn.checks import number, whole
 from cranedyn.data.files import parse_toml, read_text
+from cranedyn.disturbances.base_motion import COORDINATES, BaseMotion
+from cranedyn.disturbances.waves import Jonswap, Raos, motion_in_waves
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.errors import DataError, OutOfRange, UnknownName, quoted
 from cranedyn.interfaces import Reference, State
@@ -47,6 +49,9 @@ PUBLIC = "public"
 
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 """Form of a date from which the seeds of a ranking are derived."""
+
+_WAVES = 40
+"""Waves of a sea: a run of a minute meets less than ten, and each costs time in every step."""
 
 _MAX_INSTANCES = 1000
 """Largest number of perturbed instances of a task."""
@@ -93,6 +98,44 @@ class Gusts(NamedTuple):
         return self.at + self.repeats * self.lasts
 
 
+@dataclass(frozen=True)
+class Sea:
+    """Waves, and the ship on which a crane stands in them.
+
+    Attributes:
+        hs: Significant height of the waves [m].
+        tp: Their peak period [s].
+        gamma: Peak enhancement factor of their JONSWAP spectrum.
+        place: Place of the crane's origin in the frame of the ship [m], shape (3,).
+        raos: Rows of an angular frequency [rad/s], and of the response of heave [m/m], roll and
+            pitch [°/m] to the waves, each followed by its phase [°]; shape (k, 7).
+    """
+
+    hs: float
+    tp: float
+    gamma: float
+    place: tuple[float, ...]
+    raos: tuple[tuple[float, ...], ...]
+
+    def motion(self, seed: int, factor: float) -> BaseMotion:
+        """Return the motion of the crane's base.
+
+        Args:
+            seed: Seed of the waves.
+            factor: Factor on their height.
+        """
+        rows = np.array(self.raos)
+        response = np.zeros((len(rows), len(COORDINATES)), dtype=complex)
+        columns = (("heave", 1.0), ("roll", np.pi / 180.0), ("pitch", np.pi / 180.0))
+        for i, (name, scale) in enumerate(columns):
+            magnitude = scale * rows[:, 1 + 2 * i]
+            phase = np.deg2rad(rows[:, 2 + 2 * i])
+            response[:, COORDINATES.index(name)] = magnitude * np.exp(1j * phase)
+        spectrum = Jonswap(factor * self.hs, self.tp, self.gamma)
+        ship = motion_in_waves(spectrum, Raos(rows[:, 0], response), seed=seed, components=_WAVES)
+        return ship.seen_at(self.place)
+
+
 RANGES = {
     "payload_factor": 1.0,
     "rope_offset": 0.0,
@@ -105,6 +148,7 @@ RANGES = {
     "outage_at": 0.0,
     "gust_factor": 1.0,
     "gust_direction": 0.0,
+    "sea_factor": 1.0,
 }
 """What may differ in a perturbed instance, with the value of the nominal one:
 
@@ -119,7 +163,11 @@ outage: duration for which all readings stay at their last value [s].
 outage_at: time at which that begins [s].
 gust_factor: speed of the gusts over that of the task.
 gust_direction: angle by which their direction is turned [rad].
+sea_factor: height of the waves over that of the task.
 """
+
+_OF_THE_SEA = ("sea_factor",)
+"""Those that are drawn by a generator of their own, so that cranes on land keep their instances."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -145,6 +193,8 @@ class CraneTask:
         joystick: Rows of a time [s] and the rates that the operator asks for from then on, as
             shares of the largest rates of the drives, shape (k, 1 + m); empty without an operator.
         gusts: The gusts; None for still air.
+        sea: The sea, and the ship on which the crane stands; None for a crane on land. Starts,
+            goals, paths and drives are relative to the deck.
         tolerance: Distance of the load from its goal up to which it counts as settled [m].
         hold: Time for which it must stay there until the end of the instance [s].
         swing_bound: Largest swing allowed [rad]; an instance that exceeds it fails.
@@ -175,6 +225,7 @@ class CraneTask:
     durations: Sequence[float]
     joystick: Sequence[Sequence[float]]
     gusts: Gusts | None
+    sea: Sea | None
     tolerance: float
     hold: float
     swing_bound: float
@@ -276,6 +327,7 @@ class Instance:
         values: What differs, by the names of `RANGES`.
         swing_signs: Sign of the swing at the start, of each swing joint.
         noise_seed: Seed of the noise of the sensors.
+        sea_seed: Seed of the waves.
     """
 
     task: CraneTask
@@ -284,6 +336,12 @@ class Instance:
     values: Mapping[str, float]
     swing_signs: tuple[float, ...]
     noise_seed: int
+    sea_seed: int = 0
+
+    def base_motion(self) -> BaseMotion | None:
+        """Return the motion of the ship; None for a crane on land."""
+        sea = self.task.sea
+        return None if sea is None else sea.motion(self.sea_seed, self.values["sea_factor"])
 
     def drive_offset(self, crane: Crane) -> np.ndarray:
         """Return where drives are less what their sensors say, shape (m,): the rope is longer than
@@ -314,10 +372,11 @@ def instances(task: CraneTask, seeds: str = PUBLIC) -> list[Instance]:
         seed = seed_of(seeds, task.name, index)
         rng = np.random.default_rng(seed)
         values = dict(RANGES)
+        sea_rng = np.random.default_rng([seed, 1])
         if index > 0:
             for name in RANGES:
                 # Drawn in any case, so that a further range of a task changes no other number.
-                share = rng.random()
+                share = (sea_rng if name in _OF_THE_SEA else rng).random()
                 if name in task.ranges:
                     low, high = task.ranges[name]
                     values[name] = float(low + share * (high - low))
@@ -330,6 +389,7 @@ def instances(task: CraneTask, seeds: str = PUBLIC) -> list[Instance]:
                 values=values,
                 swing_signs=tuple(signs.tolist()),
                 noise_seed=int(rng.integers(2**63)),
+                sea_seed=int(sea_rng.integers(2**31)),
             )
         )
     return drawn
@@ -424,13 +484,18 @@ def read_tasks(file: Path) -> tuple[CraneTask, ...]:
     lines = dict(field_lines(text))
     headers = {name: of_table[""] for (name, _), of_table in lines.items()}
     top_lines = headers | lines.get(("", 0), {})
-    top = SiteTable(file, "", content, top_lines, ["title", "source", "tasks", *_TABLES])
+    allowed = ["title", "source", "tasks", "sea", *_TABLES]
+    top = SiteTable(file, "", content, top_lines, allowed)
     top.text("title")
     top.text("source")
     tables = {}
     for name, fields in _TABLES.items():
         values = top.take(name, _table)
         tables[name] = SiteTable(file, name, values, lines.get((name, 0), {}), fields)
+    if "sea" in content:
+        values = top.take("sea", _table)
+        of_sea = lines.get(("sea", 0), {})
+        tables["sea"] = SiteTable(file, "sea", values, of_sea, list(Sea.__annotations__))
     kinds = SiteTable(file, "tasks", top.take("tasks", _table), top_lines, KINDS)
     found = []
     for kind in KINDS:
@@ -481,6 +546,7 @@ def _task(
         durations=own.take("durations", _numbers, []),
         joystick=own.take("joystick", _rows, []),
         gusts=own.take("gusts", _gusts) if "gusts" in own.values else None,
+        sea=_sea(tables["sea"]) if "sea" in tables else None,
         tolerance=own.number("tolerance", allowed="> 0"),
         hold=own.number("hold", unit="s", allowed="> 0"),
         swing_bound=own.number("swing_bound", unit="rad", allowed="> 0"),
@@ -501,6 +567,24 @@ def _sensors(table: SiteTable) -> Sensors:
         delay=table.take("delay", partial(whole, minimum=0)),
         position_step=table.number("position_step", unit="rad or m", allowed=">= 0"),
         swing_step=table.number("swing_step", unit="rad", allowed=">= 0"),
+    )
+
+
+def _sea(table: SiteTable) -> Sea:
+    """Return the sea, and how the ship answers it."""
+    rows = table.take("raos", _rows)
+    if any(len(row) != 7 for row in rows):
+        allowed = "rows of 7 numbers: frequency, and magnitude and phase of heave, roll and pitch"
+        table.fail("raos", OutOfRange("raos", "rows of other lengths", allowed))
+    place = table.take("place", _numbers)
+    if len(place) != 3:
+        table.fail("place", OutOfRange("place", place, "3 numbers", "m"))
+    return Sea(
+        hs=table.number("hs", unit="m", allowed="> 0"),
+        tp=table.number("tp", unit="s", allowed="> 0"),
+        gamma=table.number("gamma", unit="", allowed=">= 1"),
+        place=tuple(place),
+        raos=tuple(tuple(row) for row in rows),
     )
 
 

@@ -183,6 +183,11 @@ class LoadView:
             *(f"{symbol}_dot" for symbol in swings),
         )
 
+    @property
+    def scales(self) -> ObservationScales:
+        """How the quantities are scaled, for whoever computes observations of measured numbers."""
+        return self._observed.scales
+
     def targets(self, goal: np.ndarray, kinds: np.ndarray) -> np.ndarray:
         """Return the places at which the loads hang at rest with the drives at their goals, see
         `View`.
@@ -277,7 +282,7 @@ def pendulum_length(crane: Crane, pivot: int) -> float:
 
 
 @dataclass(frozen=True)
-class _Scales:
+class ObservationScales:
     """How the quantities of an observation are scaled to about -1 to 1.
 
     Attributes:
@@ -299,7 +304,9 @@ class _Scales:
     bound: tuple[float, ...]
 
 
-def _scales(ranges: DriveRanges, swings: int, swing_limit: float, swing_rate: float) -> _Scales:
+def _scales(
+    ranges: DriveRanges, swings: int, swing_limit: float, swing_rate: float
+) -> ObservationScales:
     """Return the scales of observations of so many swings.
 
     Args:
@@ -322,7 +329,7 @@ def _scales(ranges: DriveRanges, swings: int, swing_limit: float, swing_rate: fl
             np.full(swings, MAX_SWING_RATE / swing_rate),
         ]
     )
-    return _Scales(
+    return ObservationScales(
         reach=tuple(reach.tolist()),
         middle=tuple(middle.tolist()),
         half_range=tuple(half_range.tolist()),
@@ -403,7 +410,7 @@ class _ObservedCranes:
     numbers: tuple[float, ...]
     varied: tuple[int, ...]
     gravity: float
-    scales: _Scales
+    scales: ObservationScales
 
 
 @cache

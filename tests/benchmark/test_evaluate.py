@@ -97,6 +97,32 @@ def test_noise_and_resolution_are_those_of_the_task() -> None:
 # --- measured ------------------------------------------------------------------------------------
 
 
+def test_a_load_on_a_ship_swings_though_its_drives_stand_and_the_ship_is_not_measured() -> None:
+    (task,) = select_tasks(["ship/move"])
+    short = replace(task, duration=6.0, sensors=task.sensors._replace(noise=0.0))
+    nominal = instances(task)[0]
+    at_sea, process = run(replace(nominal, task=short))
+    on_land, _ = run(replace(nominal, task=replace(short, sea=None)))
+    assert process.briefing is not None
+    assert process.briefing.sea == task.sea
+    # A roll of some mrad, and the acceleration of the boom's head, which is 28 m above the deck.
+    assert 2e-3 < at_sea.metrics["swing_rad"] < 0.1
+    assert on_land.metrics["swing_rad"] < 1e-3 * at_sea.metrics["swing_rad"]
+    # The encoders of the drives see nothing of it.
+    start = process.readings[0].position
+    for reading in process.readings:
+        assert reading.position == pytest.approx(start, abs=2e-4)
+
+
+def test_the_swing_period_of_a_load_on_a_sling_is_that_of_rope_and_sling() -> None:
+    (task,) = select_tasks(["hook/move"])
+    told = briefing_of(task)
+    assert len(told.crane.swings) == 4
+    assert told.swing_period == pytest.approx(
+        2.0 * math.pi * math.sqrt((13.0 + 5.0) / told.crane.gravity)
+    )
+
+
 def test_an_entry_gets_sensors_only_and_is_told_the_nominal_crane() -> None:
     heavy = toy_instance("move", payload_factor=1.5, rope_offset=0.05)
     result, process = run(heavy, towards_goal)

@@ -7,12 +7,13 @@ import math
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from cranedyn.__main__ import main
 from cranedyn.benchmark import evaluate
 from cranedyn.benchmark import task as task_module
-from cranedyn.benchmark.comparison import compare
+from cranedyn.benchmark.comparison import benchmark_table, compare, shared_places
 from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import find_entry
 from cranedyn.benchmark.evaluate import USUAL, InstanceResult
@@ -205,9 +206,58 @@ def test_a_comparison_is_pair_by_pair() -> None:
     second[9] = replace(second[9], status="declined")
     (found,) = compare(made("a", first), made("b", second), [toy("move")])
     assert (found.both, found.only_first, found.only_second, found.neither) == (8, 0, 1, 0)
-    assert found.ratio == pytest.approx(0.9)
+    assert found.ratio == found.passed_ratio == pytest.approx(0.9)
+    # The ninth pair, of which only the second passed, is a ratio of 0 and ranks last.
     assert found.interval == pytest.approx((0.9, 0.9))
-    assert found.p == pytest.approx(2.0 / 2.0**8)
+    assert found.p == pytest.approx(2.0 / 2.0**9)
+
+
+def test_an_entry_that_fails_the_hard_instances_does_not_look_better_by_the_easy_ones() -> None:
+    """The second is twice as fast in four of ten instances, and fails the other six."""
+    first = [result_of("toy/move", i, settled_s=1.0 + i) for i in range(10)]
+    second = [result_of("toy/move", i, settled_s=0.5 * (1.0 + i)) for i in range(4)]
+    second += [result_of("toy/move", i, status="failed") for i in range(4, 10)]
+    (found,) = compare(made("a", first), made("b", second), [toy("move")])
+    assert found.passed_ratio == pytest.approx(0.5)
+    assert found.ratio == math.inf
+    (other,) = compare(made("b", second), made("a", first), [toy("move")])
+    assert other.ratio == 0.0
+    # With all ten failed, p is that of ten equal signs; which half fails is no matter of chance.
+    none = [replace(one, status="failed") for one in second]
+    (worst,) = compare(made("a", first), made("b", none), [toy("move")])
+    assert (worst.ratio, worst.interval) == (math.inf, (math.inf, math.inf))
+    assert worst.p is not None and worst.p < 0.01
+    table = benchmark_table([found, worst])
+    assert "∞" in table and max(map(len, table.splitlines())) <= 80
+
+
+def test_loads_that_are_settled_at_once_are_compared_by_a_control_period() -> None:
+    first = [result_of("toy/move", i, settled_s=0.0) for i in range(6)]
+    second = [result_of("toy/move", i, settled_s=2.0) for i in range(6)]
+    (found,) = compare(made("a", first), made("b", second), [toy("move")])
+    assert found.ratio == pytest.approx(2.0 / toy("move").period)
+
+
+def test_entries_share_a_place_unless_the_instances_tell_them_apart() -> None:
+    """Of twelve instances, "close" is faster in half of them and slower in the other half."""
+    signs = np.resize([1.0, -1.0], 12)
+    best = [result_of("toy/move", i, settled_s=1.0 + i) for i in range(12)]
+    close = [
+        result_of("toy/move", i, settled_s=(1.0 + i) * (1.001 + 0.01 * signs[i])) for i in range(12)
+    ]
+    slow = [result_of("toy/move", i, settled_s=1.5 * (1.0 + i)) for i in range(12)]
+    absent = [InstanceResult("toy/move", i, "declined", "No.") for i in range(12)]
+    entries = {
+        "absent": made("absent", absent),
+        "slow": made("slow", slow),
+        "close": made("close", close),
+        "best": made("best", best),
+    }
+    task = replace(toy("move"), count=11)
+    assert shared_places(entries, [task]) == {"best": 1, "close": 1, "slow": 3, "absent": 4}
+    # Of five instances nothing is told for certain.
+    few = {name: replace(one, instances=one.instances[:5]) for name, one in entries.items()}
+    assert set(shared_places(few, [task]).values()) == {1}
 
 
 def test_of_few_pairs_there_is_no_interval_and_of_equal_results_no_difference() -> None:
@@ -247,6 +297,9 @@ def test_the_order_of_entries_is_computed_under_each_variant(
     for order in found:
         assert order.tau == pytest.approx(1.0)
         assert order.places == {"towards": 1.0, "slowly": 2.0}
+        # Three instances are too few to tell them apart.
+        assert order.shared == {"towards": 1, "slowly": 1}
+        assert order.reversed_pairs == 0
     assert order_table(found).splitlines()[1].startswith("towards ")
     with pytest.raises(OutOfRange, match="2 or more"):
         orders([toy("move")], {"one": entries["towards"]})

@@ -72,6 +72,25 @@ def learn_to_stop_the_swing(out: Path) -> None:
     assert set(learned.scores) > {"spline alone", "learned"}
 
 
+def train_benchmark_policy(out: Path) -> None:
+    pytest.importorskip(
+        "stable_baselines3", reason="extra learning (stable-baselines3) is not installed"
+    )
+    from cranedyn.benchmark.policy import read_policy
+
+    out.mkdir()
+    for algorithm in ("ppo", "sac"):
+        file = out / f"{algorithm}.npz"
+        words = [algorithm, "inteco/move", "--minutes", "0.02", "--out", str(file)]
+        made = main("train_benchmark_policy")(words)
+        read = read_policy(file)
+        assert read.algorithm == algorithm.upper()
+        observation = np.linspace(-0.5, 0.5, 13)[None]
+        action = read.of_observation(observation, 3)
+        np.testing.assert_allclose(action, made.of_observation(observation, 3), atol=1e-6)
+        assert (np.abs(action) <= 1.0).all()
+
+
 def learn_overhead_crane(out: Path) -> None:
     pytest.importorskip("gymnasium", reason="extra gymnasium is not installed")
     learned = main("learn_overhead_crane")(["--iterations", "10", "--out", str(out)])
@@ -263,6 +282,7 @@ TESTS = {
     "cosimulation": cosimulation,
     "learn_overhead_crane": learn_overhead_crane,
     "learn_to_stop_the_swing": learn_to_stop_the_swing,
+    "train_benchmark_policy": train_benchmark_policy,
 }
 
 
