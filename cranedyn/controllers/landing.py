@@ -27,6 +27,9 @@ from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating, tabulated
 
+_UP = np.array([0.0, 0.0, 1.0])
+"""Vertical of the world."""
+
 _TIME_STEP = 0.01
 """Time between the instants at which beginnings are tried and the deck is looked at [s]: a wave of
 some seconds moves by a thousandth of its period in it."""
@@ -130,9 +133,11 @@ def _deck_at(deck: BaseMotion, point: np.ndarray, t: np.ndarray) -> tuple[np.nda
     upwards [m/s], at times [s], shape (times,) each.
     """
     frames = deck.frames(t)
-    heights = frames.origin[:, 2] + frames.rotation[:, 2] @ point - point[2]
+    # The vertical of the world in the axes of the deck.
+    vertical = _UP @ frames.rotation
+    heights = frames.origin @ _UP + vertical @ point - _UP @ point
     in_axes = np.cross(frames.omega, point)
-    velocities = frames.velocity[:, 2] + (frames.rotation[:, 2] * in_axes).sum(axis=1)
+    velocities = frames.velocity @ _UP + (vertical * in_axes).sum(axis=1)
     return heights, velocities
 
 

@@ -106,7 +106,8 @@ def smooth_friction(
     where the maximum is over the postures of `_inverse_masses`, T is `STOPPING_TIME`, and c is the
     least factor with which that eigenvalue is no more than 1/T in any of these postures: 1 for a
     single joint, and up to the number of joints where they are strongly coupled. A joint whose
-    entry of M⁻¹ is zero, a follower with the multiplier 0, never moves and has no friction.
+    entry of M⁻¹ is zero, a follower with the multiplier 0, never moves and has no friction; nor has
+    one whose friction is so small that the square of its width is zero.
 
     Args:
         efforts: Dry friction of each joint [N m or N], shape (n,).
@@ -125,7 +126,10 @@ def smooth_friction(
         return None
     all_inverses = _inverse_masses(model, lower, upper, drives, start, coupling)
     all_mobilities = np.max([np.diag(inverse) for inverse in all_inverses], axis=0)
-    joints = tuple(np.flatnonzero((efforts > 0.0) & (all_mobilities > 0.0)).tolist())
+    # Friction so small that the square of its width is 0 in floating point has no effect on
+    # anything, and its law would be 0/0 at rest.
+    least_widths = STOPPING_TIME * efforts * all_mobilities
+    joints = tuple(np.flatnonzero(least_widths * least_widths > 0.0).tolist())
     if not joints:
         return None
     among = np.ix_(joints, joints)

@@ -212,9 +212,11 @@ def test_only_the_binding_takes_addresses_and_calls_compiled_code() -> None:
         for path in (ROOT / "cranedyn").rglob("*.py")
     }
     address = re.compile(r"\.ctypes\b|__array_interface__|data_as\(|\.function\(")
-    assert [name for name, text in texts.items() if address.search(text)] == [
-        "cranedyn/compiled/binding.py"
-    ]
+    # An entry of the benchmark in C takes addresses for the library of its author.
+    assert {name for name, text in texts.items() if address.search(text)} == {
+        "cranedyn/benchmark/entries/c_library.py",
+        "cranedyn/compiled/binding.py",
+    }
 
 
 _LANES = 8

@@ -370,7 +370,7 @@ POWERS = {
     "": (0, 0, 0), "rad": (0, 0, 0), "kg": (1, 0, 0), "kg m^2": (1, 2, 0), "m": (0, 1, 0),
     "N": (1, 1, -2),
     "N m s/rad": (1, 2, -1), "N s/m": (1, 0, -1), "N m": (1, 2, -2), "rad/s": (0, 0, -1),
-    "m/s": (0, 1, -1), "N m/rad": (1, 2, -2), "N/m": (1, 0, -2),
+    "m/s": (0, 1, -1), "N m/rad": (1, 2, -2), "N/m": (1, 0, -2), "kg/m": (1, -1, 0),
 }  # fmt: skip
 """Of mass, length and time in the units of the crane's arguments."""
 

@@ -67,18 +67,18 @@ class LoadWind:
         """Direction in which it blows in the frame of the site, shape (3,)."""
         return np.array([math.cos(self.direction), math.sin(self.direction), 0.0])
 
-    def on(self, load: TandemLoad, t: float, rotation: np.ndarray, v: np.ndarray) -> WindOnLoad:
+    def on(self, load: TandemLoad, t: float, rotation: np.ndarray, twist: np.ndarray) -> WindOnLoad:
         """Return what the wind does to a load.
 
         Args:
             load: The load.
             t: Time [s].
             rotation: Rotation from the axes of the load to those of the site, shape (3, 3).
-            v: Velocity and angular velocity of the load along its own axes, shape (6,).
+            twist: Velocity and angular velocity of the load along its own axes, shape (6,).
         """
         air = rotation.T @ (self.speed(t) * self.unit_vector)
-        velocity = v[:3]
-        spin = v[3:]
+        velocity = twist[:3]
+        spin = twist[3:]
         relative = air - velocity
         sides = np.asarray(load.size, dtype=float)
         force = np.zeros(3)

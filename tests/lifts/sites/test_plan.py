@@ -356,7 +356,7 @@ def test_a_page_of_a_run_takes_names_for_data(name: str, tmp_path: Path) -> None
 @pytest.mark.slow
 def test_the_site_files_of_the_how_to_are_read(tmp_path: Path) -> None:
     text = (ROOT / "docs" / "howto" / "several_cranes.md").read_text("utf-8")
-    lifts, bridges, cranes = re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
+    lifts, _, bridges, cranes = re.findall(r"^```toml\n(.*?)^```", text, re.S | re.M)
     assert site_from(tmp_path, bridges).share_runway(0, 1)
     site = site_from(tmp_path, cranes)
     assert [station.name for station in site.stations] == ["west", "east"] and site.solids
