@@ -692,22 +692,22 @@ def convolved_zv(frequency: float, modes: Sequence[float]) -> float:
 def heavy_rope(
     length: float, mass_per_metre: float, load: float, gravity: float, modes: int = 1
 ) -> np.ndarray:
-    """Return the slowest frequencies of small swings of a point load on a rope with mass [rad/s],
+    """Return the lowest frequencies of small swings of a point load on a rope with mass [rad/s],
     shape (modes,): the first is that of the load's swing, in the others the rope vibrates.
 
     At the height s above the load the tension is T = g (M + μ s), and a swing w(s) e^{iωt} follows
-    from (T w')' + μ ω² w = 0. With z = 2 ω √((s + M/μ)/g) this is Bessel's equation of order 0. At
-    the pivot w = 0, and M ω² w + T w' = 0 at the load, where J₀(z) - (2/z) J₁(z) = -J₂(z) makes of
-    the frequencies the roots of
+    from (T w')' + μ ω² w = 0. With z = 2 ω √((s + M/μ)/g) this is Bessel's equation of order 0. The
+    pivot is at rest, w = 0, and at the load M ω² w + T w' = 0. With J₀(z) - (2/z) J₁(z) = -J₂(z),
+    and likewise for Y, the frequencies are the roots ω of
 
         J₂(z₀) Y₀(z₁) - Y₂(z₀) J₀(z₁),   z₀ = 2 ω √(M/(μ g)),   z₁ = 2 ω √((l + M/μ)/g).
 
-    Without a load they are j₀ₖ/2 √(g/l) with the zeros of J₀ (Daniel Bernoulli 1732).
+    As M goes to zero they become j₀ₖ/2 √(g/l) with the zeros of J₀ (Daniel Bernoulli 1732).
 
     Args:
         length: Cable length l [m].
-        mass_per_metre: Mass of a metre of rope μ [kg/m].
-        load: Mass of the load M [kg].
+        mass_per_metre: Mass of a metre of the rope, of all its falls together, μ [kg/m].
+        load: Mass of the load M, more than zero [kg].
         gravity: g [m/s²].
         modes: Number of frequencies.
     """
@@ -726,7 +726,7 @@ def heavy_rope(
     swing = math.sqrt(gravity / length)
     brackets = [(0.999 * swing, 1.203 * swing)]
     # The phases of the Bessel functions place ω times the travel time of vibration k between k π,
-    # of a rope whose load stands still, and about (k + 3/4) π, of one without load.
+    # of a rope whose load stands still, and about (k + 3/4) π, of a rope without load.
     for k in range(1, modes):
         phase = k * math.pi
         brackets.append(((phase - 0.1) / travel, (phase + 0.75 * math.pi + 0.1) / travel))
@@ -736,8 +736,8 @@ def heavy_rope(
 
 @_finite
 def capstan(friction: float, wrap: float) -> float:
-    """Return the pull of a rope behind a sheave or drum over that before it, T₂/T₁ = e^{μα}
-    (Euler 1769, Eytelwein 1808).
+    """Return the tension on the tight side of a rope over that on its slack side where it slips on
+    a drum, T₂/T₁ = e^{μα} (Euler 1769, Eytelwein 1808).
 
     Args:
         friction: Coefficient of friction μ.

@@ -198,7 +198,7 @@ EXPERIMENTS = {
     ),
     "rope": Entry(
         "A rope with mass",
-        "A heavy rope: periods, pull, winding up; sheaves that rub.",
+        "A heavy rope: periods, pull, winding up; friction of sheaves.",
         figures={
             "rope": "Errors by number of bodies; angle of the load in hoisting; force of the hoist."
         },

@@ -1,4 +1,4 @@
-"""A rope with mass, and sheaves that rub: periods, pull and winding up beside closed forms.
+"""A rope with mass, and sheaves with friction: periods, pull and winding up beside closed forms.
 
 The rope of the tower crane weighs 78 kg where it hangs 15 m on four falls, beside a load of 1 t.
 Bodies on it are compared with the Bessel functions of a heavy rope, its pull with the weight of all
@@ -468,7 +468,7 @@ def _sheave_claim(rubbing: Sheaves) -> Claim:
         abs(rubbing.down - rubbing.down_by_hand),
     )
     return Claim(
-        f"Over sheaves that rub the hoist pulls {rubbing.up:.4f} of the weight in hoisting and "
+        f"Over sheaves with friction the hoist pulls {rubbing.up:.4f} of the weight in hoisting and "
         f"{rubbing.down:.4f} in lowering; T₂ = T₁ e^(μα) gives {rubbing.up_by_hand:.4f} and "
         f"{rubbing.down_by_hand:.4f}, and one friction for both is {apart:.4f} beside them "
         f"(apart by {worst:.4f}, by 1e-4 more at most).",
@@ -549,7 +549,7 @@ def _winch_table(rubbing: Sheaves) -> ResultTable:
     places = [(name, int(np.searchsorted(run.t, t))) for name, t in rows.items()]
     winch = rubbing.winch
     return make_table(
-        "The winch of a hoist whose sheaves rub",
+        "The winch of a hoist over sheaves with friction",
         places,
         ("", "", lambda row: row[0]),
         ("line [N]", ".0f", lambda row: winch["line_N"][row[1]]),

@@ -1,7 +1,7 @@
 """The bodies of a rope with mass, and how many of them a rope needs.
 
-`urdf/heavy_rope.xacro` makes the bodies, and `cranedyn.model.springs.RopeMass` has the weight that
-the hoist pays out.
+`urdf/heavy_rope.xacro` makes the bodies, and `cranedyn.model.springs.RopeMass` accounts for the
+weight that the hoist pays out.
 """
 
 from __future__ import annotations
@@ -48,7 +48,9 @@ def rope_bends(crane: Crane) -> tuple[int, ...]:
 
 
 def _above(crane: Crane, joint: int) -> list[int]:
-    """Return the indices of the joints between the world and a joint, in this order."""
+    """Return the indices of the joints between the world and a joint, without that joint itself, in
+    this order.
+    """
     # Coordinate i belongs to joint i + 1 of Pinocchio, whose joint 0 is the world.
     supports = crane.model.supports[joint + 1].tolist()
     return [support - 1 for support in supports if 0 < support <= joint]
@@ -57,10 +59,11 @@ def _above(crane: Crane, joint: int) -> list[int]:
 def chain_frequencies(
     bodies: int, length: float, mass_per_metre: float, load: float, gravity: float
 ) -> np.ndarray:
-    """Return the frequencies of small swings of a load on a rope with mass, as a crane with some
-    bodies on its rope has them [rad/s], shape (bodies + 1,), increasing.
+    """Return the frequencies of small swings of a load on a rope whose mass is in some bodies
+    [rad/s], shape (bodies + 1,), increasing.
 
-    The load is a point, and the pivot is at rest. `theory.heavy_rope` has the exact ones.
+    They are those of the discretised rope of a crane with a point load and a pivot at rest.
+    `theory.heavy_rope` has those of the rope itself.
 
     Args:
         bodies: Number of bodies on the rope.
@@ -70,7 +73,7 @@ def chain_frequencies(
         gravity: g [m/s²].
 
     Raises:
-        OutOfRange: If a number is not positive and finite, or the bodies are no whole number.
+        OutOfRange: If a number is not positive and finite, or `bodies` is no positive whole number.
     """
     count = whole("number of bodies", bodies, 1)
     number("cable length", length, "m", "> 0")
@@ -121,10 +124,12 @@ def bodies_for(
     """
     within("error", error, 1e-12, 0.999, "")
     mode = whole("mode", mode, 1)
+    if mode > MAX_BODIES + 1:
+        raise OutOfRange("mode", mode, f"1 to {MAX_BODIES + 1}, of {MAX_BODIES} bodies")
     exact = theory.heavy_rope(length, mass_per_metre, load, gravity, mode)[-1]
     for bodies in range(max(1, mode - 1), MAX_BODIES + 1):
         found = chain_frequencies(bodies, length, mass_per_metre, load, gravity)[mode - 1]
         if abs(found / exact - 1.0) <= error:
             return bodies
-    allowed = f"one that up to {MAX_BODIES} bodies reach for mode {mode}"
+    allowed = f"larger: mode {mode} needs more than {MAX_BODIES} bodies for it"
     raise OutOfRange("error", error, allowed)

@@ -89,26 +89,30 @@ class Bifilar(NamedTuple):
 class RopeMass(NamedTuple):
     """The mass of a rope that the hoist pays out and winds up.
 
-    Bodies along the rope carry the mass μ l₀ of one length l₀. They are as many at any length, and
-    as heavy, so that their potential energy is -μ g l₀ l/2,
-    where it should be that of a rope from the pivot, -μ g l²/2. The difference
+    Bodies along the rope carry the mass μ l₀ of one reference length l₀. Their number and their
+    masses do not depend on the cable length l, so that their potential energy is -μ g l₀ l/2. That
+    of a rope which hangs from the pivot is -μ g l²/2. The difference
 
         U = -μ g l (l - l₀)/2 = -½ μ g (l - l₀/2)² + constant
 
-    is that of a spring between the pivot and the hook: of negative stiffness, since each metre that
-    is paid out weighs on the hoist. With it the hoist holds the weight of the load and of all the
-    rope that hangs, μ g l, at any length. What is left out, is the change of the inertia, and that
-    U does not depend on how far the rope leans.
+    is that of a spring of stiffness -μ g which acts on the coordinate l and is slack at l₀/2: the
+    stiffness is negative since each metre that is paid out weighs on the hoist. With it the hoist
+    at rest holds the weight of the load and of all the rope that hangs, M g + μ g l, which is the
+    tension at the pivot.
+
+    Left out are the change of the rope's inertia with l; that the bodies move along the rope at a
+    share of l', where all of the rope moves at l', so that the hoist accelerates about a third of
+    the rope's mass; and that U does not depend on how far the rope leans.
 
     Attributes:
         length: Index of the coordinate that is the cable length l.
         mass: Mass of a metre of all falls together, μ [kg/m].
-        carried: Length l₀ whose mass the bodies have [m].
+        reference_length: Length l₀ whose mass the bodies carry [m].
     """
 
     length: int
     mass: float
-    carried: float
+    reference_length: float
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,7 +180,7 @@ class Springs:
             stiffness = self.stiffness.copy()
             rest = self.rest.copy()
             stiffness[length] = -gravity * self.rope_mass.mass
-            rest[length] = 0.5 * self.rope_mass.carried
+            rest[length] = 0.5 * self.rope_mass.reference_length
             return replace(self, stiffness=stiffness, rest=rest)._with_falls(model, gravity)
         return self._with_falls(model, gravity)
 

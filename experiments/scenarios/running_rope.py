@@ -1,7 +1,7 @@
-"""A load on a rope with mass that is wound up: small swings by the equation of a running rope.
+"""A load on a rope with mass that is wound up: small swings by the equation of a moving string.
 
-It is independent of the crane's bodies and joints: material points of the rope move along it, and
-new ones come in, or leave, at the pivot.
+It is a check of the crane's bodies and joints, and independent of them: material points of the rope
+move along it, and new ones come in, or leave, at the pivot. It is written for a single fall.
 """
 
 from __future__ import annotations
@@ -15,10 +15,11 @@ from scipy.integrate import solve_ivp
 from scipy.special import roots_legendre
 
 _POWERS = 4
-"""Number of powers of the place along the rope in which its displacement is expanded."""
+"""Number of shape functions ξᵏ, of the place ξ along the rope."""
 
 _POINTS = 12
-"""Points of the Gauss-Legendre rule along the rope: exact up to the power 23, where 9 occur."""
+"""Points of the Gauss-Legendre rule along the rope: exact up to degree 23, where the
+integrands have at most degree 8."""
 
 
 class CableMotion(NamedTuple):
@@ -43,11 +44,11 @@ def smooth_hoisting(first: float, last: float, duration: float) -> Callable[[flo
 
     def motion(t: float) -> CableMotion:
         s = min(max(t / duration, 0.0), 1.0)
-        way = last - first
+        travel = last - first
         return CableMotion(
-            first + way * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-            way / duration * s**2 * (30.0 - 60.0 * s + 30.0 * s**2),
-            way / duration**2 * s * (60.0 - 180.0 * s + 120.0 * s**2),
+            first + travel * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
+            travel / duration * s**2 * (30.0 - 60.0 * s + 30.0 * s**2),
+            travel / duration**2 * s * (60.0 - 180.0 * s + 120.0 * s**2),
         )
 
     return motion
@@ -75,8 +76,9 @@ class RunningRope:
         """Return the angle of the line from a pivot at rest to the load [rad], shape (rows,).
 
         At the place ξ = s/l along the rope, 0 at the pivot and 1 at the load, the displacement is
-        w = Σ qₖ ξᵏ. A material point passes at ξ' = (1 - ξ) l'/l, since all of the rope runs at l',
-        and its acceleration across is the total derivative
+        w = Σ qₖ ξᵏ with k = 1, 2, ..., so that the pivot is at rest. All of the rope moves along
+        itself at l', so that a material point changes its place at the rate ξ' = (1 - ξ) l'/l, and
+        ξ'' = (1 - ξ) (l''/l - 2 l'²/l²). Its acceleration across is the total derivative
 
             D²w = Σ (qₖ'' ξᵏ + 2 qₖ' k ξᵏ⁻¹ ξ' + qₖ (k (k - 1) ξᵏ⁻² ξ'² + k ξᵏ⁻¹ ξ'')).
 
@@ -87,7 +89,7 @@ class RunningRope:
 
         Args:
             motion: Cable length over time.
-            angle: Angle of the straight rope at the start, where it is at rest [rad].
+            angle: Angle of the straight rope at the start, where it is at rest, l' = 0, too [rad].
             times: Times [s], increasing from 0.
             gravity: Gravity [m/s²].
         """

@@ -108,7 +108,7 @@ def test_bodies_for_an_error_leave_it() -> None:
         if count > 1:
             fewer = chain_frequencies(count - 1, 15.0, 5.2, 200.0, 9.80665)[0]
             assert abs(fewer / exact - 1.0) > error
-    with pytest.raises(OutOfRange, match="up to 100 bodies reach for mode 40"):
+    with pytest.raises(OutOfRange, match="mode 40 needs more than 100 bodies"):
         bodies_for(1e-6, 15.0, 5.2, 200.0, 9.80665, 40)
 
 

@@ -97,13 +97,15 @@ class Reeving:
     def over_sheaves(
         cls, falls: int, friction: float, wrap: float = math.pi, drum_radius: float = 0.2
     ) -> Reeving:
-        """Return the reeving whose rope rubs on its sheaves: a sheave passes on the share e^{-μα}
-        of its pull, see `cranedyn.theory.capstan`.
+        """Return the reeving whose sheaves pass on the share η = e^{-μα} of a pull each, see
+        `cranedyn.theory.capstan`.
 
         Args:
             falls: Number of falls that carry the hook.
-            friction: Coefficient of friction μ; that of a bearing times the radius of its pin over
-                that of the sheave, for a sheave that turns.
+            friction: Coefficient of friction μ. Of a rope that slips on a drum or post it is that
+                of rope and drum. A sheave turns, and loses pull in its bearing and by the bending
+                of the rope: then it is the coefficient that has the same effect, -ln(η)/α, about
+                0.01 for half a turn on roller bearings.
             wrap: Angle α of the rope on a sheave [rad].
             drum_radius: Radius of the drum at the rope's axis [m].
 

@@ -1,8 +1,10 @@
 """The drum of a hoist: how far the rope fills it, how it turns, and what torque it takes.
 
-A rope winds up in layers. Each layer lies in the grooves between the turns of the one below, so
-that its axis is d √3/2 farther out for a rope of the diameter d. The radius, and with it torque
-and speed of the drum, changes from layer to layer by this step.
+A rope of the diameter d winds up in layers, with the pitch d. Each layer lies in the grooves
+between the turns of the one below, so that its axis is d √3/2 farther out and its turns are shifted
+by d/2.
+Radius, torque and speed of the drum change from layer to layer by this step. Where the rope crosses
+over the turns below it, it lies up to d farther out; this is left out.
 """
 
 from __future__ import annotations
@@ -27,9 +29,10 @@ class Drum:
         radius: Radius of the bare drum [m].
         width: Its width between the flanges [m].
         rope_diameter: Diameter of the rope [m].
-        layers: Number of layers that it takes.
+        layers: Number of layers that it holds.
         inertia: Moment of inertia of the drum about its axis with all that turns with it, a motor
-            of the inertia J behind a gear of the ratio i counted as J i² [kg m²].
+            of the inertia J behind a gear of the ratio i counted as J i² [kg m²]. That of the rope
+            that is wound up counts as far as it is contained in it.
 
     Raises:
         OutOfRange: If a number is out of its range, or not a single turn fits on the width.
@@ -48,15 +51,16 @@ class Drum:
         number("diameter of the rope", self.rope_diameter, "m", "> 0")
         whole("layers of the drum", self.layers, 1)
         number("inertia of the drum", self.inertia, "kg m²", ">= 0")
-        if self.turns < 1:
+        if self.turns(0) < 1:
             allowed = f">= {self.rope_diameter:g}, the diameter of its rope"
             raise OutOfRange("width of the drum", self.width, allowed, "m")
 
-    @property
-    def turns(self) -> int:
-        """Turns of a layer."""
+    def turns(self, layer: int) -> int:
+        """Return the number of turns of a layer; the first layer is 0."""
+        # Every second layer is shifted by half a diameter, and may so have one turn less.
+        shift = 0.5 * (layer % 2)
         # A width that is a multiple of the diameter must not lose a turn by round-off.
-        return math.floor(self.width / self.rope_diameter * (1.0 + 1e-12))
+        return math.floor(self.width / self.rope_diameter * (1.0 + 1e-12) - shift)
 
     def layer_radius(self, layer: int) -> float:
         """Return the radius of the axis of the rope in a layer [m]; the first layer is 0."""
@@ -72,10 +76,11 @@ class Drum:
         """Return the angle [rad] at which each layer begins and the last one ends, and the length
         that is wound there [m], shape (layers + 1,) each.
         """
-        radii = [self.layer_radius(layer) for layer in range(self.layers)]
-        angle = 2.0 * math.pi * self.turns
-        ends = angle * np.arange(self.layers + 1)
-        lengths = np.concatenate([[0.0], angle * np.cumsum(radii)])
+        layers = range(self.layers)
+        radii = np.array([self.layer_radius(layer) for layer in layers])
+        angles = 2.0 * math.pi * np.array([self.turns(layer) for layer in layers])
+        ends = np.concatenate([[0.0], np.cumsum(angles)])
+        lengths = np.concatenate([[0.0], np.cumsum(angles * radii)])
         return ends, lengths
 
     def angle(self, wound: np.ndarray) -> np.ndarray:
@@ -121,8 +126,8 @@ class Winch:
     Attributes:
         drum: The drum.
         reeving: The reeving.
-        rope_length: Length of the rope from the drum to its dead end that would be wound up with
-            the hook at the pivot, at the cable length 0 [m].
+        rope_length: Length of the rope on the drum with the hook at the pivot, at the cable length
+            0 [m], without the dead turns that always stay on it.
 
     Raises:
         OutOfRange: If the length is not positive, or the drum cannot take it.
@@ -158,8 +163,8 @@ class Winch:
         return self.rope_length - self.reeving.falls * lengths
 
     def mass_at_hook(self, length: float) -> float:
-        """Return the mass at the hook that is as inert as the drum is at a cable length [kg]: the
-        argument `drum_inertia` of a crane whose rope stretches.
+        """Return the equivalent mass of the drum at the hook at a cable length [kg]: the argument
+        `drum_inertia`, a mass, of a crane whose rope stretches.
 
         The drum turns by n v/r where the hook moves at v on n falls: m = J (n/r)².
 
@@ -174,8 +179,10 @@ class Winch:
         wound up [m], the angle since the drum was empty [rad] and its rate [rad/s], hoisting
         positive, the radius of the layer [m], and the torque on the drum [N m].
 
-        The torque holds the pull of the line and accelerates the inertia of the drum. Where the
-        radius changes from a layer to the next, the rate jumps; that jump counts for nothing.
+        The torque holds the pull of the line and accelerates the inertia of the drum. The pull has
+        the losses of the sheaves of the reeving; a `friction_hoist` of the crane, which stands for
+        them in the run, does not count once more. Where the radius changes from a layer to the
+        next, the rate jumps; the impulse of that jump is left out.
 
         Raises:
             MissingRole: If the crane has no hoist.

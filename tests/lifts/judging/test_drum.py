@@ -20,8 +20,10 @@ DRUM = Drum(radius=0.24, width=0.5, rope_diameter=0.02, layers=3, inertia=40.0)
 
 
 def test_a_layer_has_as_many_turns_as_fit() -> None:
-    assert DRUM.turns == 25
-    assert Drum(0.24, 0.499, 0.02).turns == 24
+    assert [DRUM.turns(layer) for layer in range(3)] == [25, 24, 25]
+    assert Drum(0.24, 0.499, 0.02).turns(0) == 24
+    # Half a diameter is left beside the turns, in which every second layer has room.
+    assert Drum(0.24, 0.51, 0.02).turns(1) == 25
 
 
 def test_layers_lie_in_the_grooves_of_those_below() -> None:
@@ -33,8 +35,9 @@ def test_layers_lie_in_the_grooves_of_those_below() -> None:
 
 def test_a_full_drum_has_wound_all_of_its_layers() -> None:
     radii = [0.25 + layer * 0.02 * math.sqrt(3) / 2 for layer in range(3)]
-    assert DRUM.capacity == pytest.approx(2 * math.pi * 25 * sum(radii), rel=1e-12)
-    assert DRUM.angle(np.array(DRUM.capacity)) == pytest.approx(2 * math.pi * 75)
+    wound = 2 * math.pi * (25 * radii[0] + 24 * radii[1] + 25 * radii[2])
+    assert DRUM.capacity == pytest.approx(wound, rel=1e-12)
+    assert DRUM.angle(np.array(DRUM.capacity)) == pytest.approx(2 * math.pi * 74)
 
 
 def test_angle_and_radius_change_with_the_layer() -> None:
