@@ -372,7 +372,7 @@ def sheaves(setup: Setup) -> Sheaves:
 
 
 def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
-    """Compare frequencies and pull, hoist a swinging load, and raise one over sheaves that rub."""
+    """Compare frequencies and pull, hoist a swinging load, and raise one over sheaves."""
     compared = frequencies(setup)
     held = pulls(setup)
     hoisted = hoistings(setup)
@@ -468,8 +468,8 @@ def _sheave_claim(rubbing: Sheaves) -> Claim:
         abs(rubbing.down - rubbing.down_by_hand),
     )
     return Claim(
-        f"Over sheaves with friction the hoist pulls {rubbing.up:.4f} of the weight in hoisting and "
-        f"{rubbing.down:.4f} in lowering; T₂ = T₁ e^(μα) gives {rubbing.up_by_hand:.4f} and "
+        f"Over sheaves with friction the hoist pulls {rubbing.up:.4f} of the weight in hoisting "
+        f"and {rubbing.down:.4f} in lowering; T₂ = T₁ e^(μα) gives {rubbing.up_by_hand:.4f} and "
         f"{rubbing.down_by_hand:.4f}, and one friction for both is {apart:.4f} beside them "
         f"(apart by {worst:.4f}, by 1e-4 more at most).",
         worst < apart + 1e-4,
