@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import io
 import sys
+from typing import Any
 
 import numpy as np
 
@@ -33,7 +34,7 @@ def extract_shapes(path: str) -> dict[str, np.ndarray]:
     model = ifcopenshell.open(path)
     settings = ifcopenshell.geom.settings()
     settings.set("use-world-coords", True)
-    products = []
+    products: list[Any] = []
     for product in model.by_type("IfcProduct"):
         is_body = not any(product.is_a(kind) for kind in _NO_BODIES)
         if product.Representation and is_body:
@@ -48,7 +49,9 @@ def extract_shapes(path: str) -> dict[str, np.ndarray]:
         name = f"{str(product.Name or product.is_a())[:_MAX_NAME]} #{product.id()}"
         # The last line says at which product the process ended, if it does.
         print(name.encode("unicode_escape").decode(), file=sys.stderr, flush=True)
-        shape = ifcopenshell.geom.create_shape(settings, product).geometry
+        # What comes back depends on the settings; its types name all that could.
+        created: Any = ifcopenshell.geom.create_shape(settings, product)
+        shape = created.geometry
         if shape.faces:
             names.append(name)
             vertices.append(np.array(shape.verts).reshape(-1, 3))
