@@ -129,6 +129,10 @@ mv "$work/places/places.png" docs/pictures/compare_lifts.png
 mv "$work/site/invariant.png" docs/pictures/site_invariant.png
 "$python" -m experiments.tandem --out "$work/tandem"
 mv "$work/tandem/shares.png" docs/pictures/tandem_shares.png
+for experiment in rope cylinders; do
+  "$python" -m "experiments.$experiment" --engine compiled --out "$work/$experiment"
+  mv "$work/$experiment/$experiment.png" docs/pictures/
+done
 "$python" -m experiments.snapshot "$work/tandem/tandem.rrd" -t 9 --size 1050 600 -o "$work"
 mv "$work/tandem-9s.png" docs/pictures/tandem.png
 "$python" -m experiments.sweep --out "$work/sweep"

@@ -203,6 +203,11 @@ EXPERIMENTS = {
             "rope": "Errors by number of bodies; angle of the load in hoisting; force of the hoist."
         },
     ),
+    "cylinders": Entry(
+        "Cylinders and pump of a mobile crane",
+        "Cylinders by energy and points; four drives on a pump.",
+        figures={"cylinders": "Forces of cylinders by the angle of the boom, and in a move."},
+    ),
     "ship": Entry(
         "A crane on a ship",
         "A base that moves: resonance, heave compensation, swing control.",
@@ -260,6 +265,7 @@ SUBJECTS: dict[str, dict[str, str]] = {
         "ship": "1 min",
         "hook": "10 s",
         "rope": "30 s",
+        "cylinders": "10 s",
         "cranes": "1 min",
     },
     "Control": {

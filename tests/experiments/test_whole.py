@@ -16,6 +16,7 @@ from tests.helpers import FAST, ROOT, files
 
 WHOLE = [
     "b1",
+    "cylinders",
     "factors",
     "gazebo",
     "hook",
