@@ -134,7 +134,7 @@ def _distance(crane: Crane, cylinder: Cylinder, q: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Work:
+class CylinderWork:
     """Work of a drive in a move.
 
     Attributes:
@@ -148,7 +148,7 @@ class Work:
     by_drive: float
 
 
-def work_of_a_move(setup: Setup, crane: Crane) -> tuple[Trajectory, list[Work]]:
+def work_of_a_move(setup: Setup, crane: Crane) -> tuple[Trajectory, list[CylinderWork]]:
     """Raise and extend the boom; return the run, and the work of both cylinders and drives."""
     layout = crane.layout
     start = crane.state(luff=0.6, telescope=2.0)
@@ -172,7 +172,7 @@ def work_of_a_move(setup: Setup, crane: Crane) -> tuple[Trajectory, list[Work]]:
         way = np.diff(columns[f"{symbol}_cylinder_length_m"])
         force = columns[f"{symbol}_cylinder_force_N"]
         between = 0.5 * (force[1:] + force[:-1])
-        works.append(Work(symbol, float(between @ way), float(run[f"W_{symbol}_J"][-1])))
+        works.append(CylinderWork(symbol, float(between @ way), float(run[f"W_{symbol}_J"][-1])))
     return run, works
 
 
@@ -276,7 +276,7 @@ def _force_claim(rows: Sequence[BoomForce]) -> Claim:
     )
 
 
-def _work_claim(works: Sequence[Work]) -> Claim:
+def _work_claim(works: Sequence[CylinderWork]) -> Claim:
     """Return the claim that cylinders do the work of their drives."""
     worst = max(abs(work.by_cylinder / work.by_drive - 1.0) for work in works)
     return Claim(
@@ -322,7 +322,7 @@ def _force_table(rows: Sequence[BoomForce]) -> ResultTable:
     )
 
 
-def _work_table(works: Sequence[Work]) -> ResultTable:
+def _work_table(works: Sequence[CylinderWork]) -> ResultTable:
     return make_table(
         "Work of raising and extending the boom",
         works,
