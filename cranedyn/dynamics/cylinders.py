@@ -29,6 +29,7 @@ import numpy as np
 
 from cranedyn.checks import finite, number
 from cranedyn.data.trajectory import Trajectory
+from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import ModelError, OutOfRange, UnknownName, quoted
 from cranedyn.model.crane import Crane
 from cranedyn.model.urdf import joint_axis, joint_placement
@@ -297,15 +298,21 @@ class Pump:
     Where all of them together ask for more oil than there is, each gets the same share of the rate
     that it asks for, as valves with a common pressure compensation downstream divide it.
 
+    A pump with a power regulator gives less oil where the load is heavy. It keeps the pressure of
+    the heaviest loaded drive that moves against its load, as load-sensing pumps do, and its flow
+    times this pressure is no more than its power.
+
     Attributes:
-        crane: The crane.
+        crane: The crane. Its masses load the drives.
         flow: Largest flow of the pump [m³/s].
         motors: Volumes of drives without a cylinder by the symbols of their joints, such as slew
             and winch: oil for a unit of the coordinate [m³/rad or m³/m].
+        power: Largest power of the pump, flow times pressure [W]; infinite for a pump without a
+            power regulator.
         cylinders: Cylinders of the crane, all of which are on this pump.
 
     Raises:
-        OutOfRange: If the flow is negative, or a volume is not above 0.
+        OutOfRange: If the flow is negative, or a volume or the power is not above 0.
         UnknownName: If a motor is at a joint that has no drive.
         ModelError: If a drive has a cylinder and a motor, or no drive takes oil; and as
             `read_cylinders`.
@@ -314,11 +321,14 @@ class Pump:
     crane: Crane
     flow: float
     motors: Mapping[str, float]
+    power: float = math.inf
     cylinders: list[Cylinder] = field(init=False)
 
     def __post_init__(self) -> None:
         """Check the numbers."""
         number("flow of the pump", self.flow, "m³/s", ">= 0")
+        if self.power != math.inf:
+            number("power of the pump", self.power, "W", "> 0")
         driven = [joint.symbol for joint in self.crane.layout.driven]
         cylinders = read_cylinders(self.crane)
         for symbol, volume in self.motors.items():
@@ -349,6 +359,36 @@ class Pump:
                 volumes[..., drive] = cylinder.volume(q[..., cylinder.joint])
         return volumes
 
+    def pressure(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the pressure of the pump [Pa], shape (...): the largest of the drives on it that
+        move against their loads; 0 where none does.
+
+        A drive that holds the effort τ at rest and takes the oil V for a unit of its coordinate has
+        the pressure |τ|/V, by virtual work. One that moves with its load, such as a boom that is
+        lowered, needs none.
+
+        Args:
+            q: Coordinates [rad or m], shape (..., n): of one crane, or of many.
+            rates: Rates of the drives, shape (..., m).
+        """
+        volumes = self.volumes(q)
+        rows = q.reshape(-1, q.shape[-1])
+        held = np.array([holding_effort(self.crane, row) for row in rows]).reshape(rates.shape)
+        against = (held * rates > 0.0) & (volumes > 0.0)
+        pressures = np.abs(held) / np.where(against, volumes, 1.0)
+        return np.where(against, pressures, 0.0).max(axis=-1)
+
+    def available(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
+        """Return the largest flow of the pump [m³/s], shape (...), where its drives move at rates;
+        arguments as those of `pressure`.
+        """
+        flow = np.full(q.shape[:-1], float(self.flow))
+        if self.power == math.inf:
+            return flow
+        pressure = self.pressure(q, rates)
+        # Where no pressure is needed, the flow is the limit, and no zero divides.
+        return np.minimum(flow, self.power / np.maximum(pressure, np.finfo(float).tiny))
+
     def limited(self, q: np.ndarray, rates: np.ndarray) -> np.ndarray:
         """Return rates of the drives that the pump can feed [rad/s or m/s], shape (..., m): those
         asked for, or, where Σ volume |rate| is more than its flow, all on it scaled down alike.
@@ -359,6 +399,7 @@ class Pump:
         """
         volumes = self.volumes(q)
         needed = (volumes * np.abs(rates)).sum(axis=-1, keepdims=True)
+        flow = self.available(q, rates)[..., None]
         # Where nothing is needed, the share is 1, and no zero divides.
-        share = self.flow / np.maximum(needed, max(self.flow, np.finfo(float).tiny))
+        share = flow / np.maximum(needed, np.maximum(flow, np.finfo(float).tiny))
         return np.where(volumes > 0.0, rates * share, rates)

@@ -168,6 +168,54 @@ def test_a_pump_divides_its_flow_among_many_cranes_as_among_each_alone() -> None
         np.testing.assert_allclose(together[i], pump.limited(q[i], rates[i]), rtol=1e-14)
 
 
+def test_a_regulated_pump_gives_less_oil_to_a_heavier_load() -> None:
+    """Its flow times the pressure of the luffing cylinder, by statics, is its power."""
+    q = crane().hanging(crane().state(luff=0.4).q)
+    cylinder = luffing()
+    force = float(cylinder.force(0.4, holding_effort(crane(), q)[1]))
+    pressure = force / cylinder.area
+    raised = np.array([0.0, 0.03, 0.0, 0.0])
+    pump = Pump(crane(), 3e-3, MOTORS, power=1e4)
+    assert float(pump.pressure(q, raised)) == pytest.approx(pressure, rel=1e-12)
+    rate = pump.limited(q, raised)[1]
+    oil = float(cylinder.volume(0.4)) * rate
+    assert oil * pressure == pytest.approx(1e4, rel=1e-12)
+    assert oil < 3e-3
+    # The power that goes into the load is that of the joint.
+    assert holding_effort(crane(), q)[1] * rate == pytest.approx(1e4, rel=1e-12)
+
+
+def test_a_boom_that_is_lowered_needs_no_power() -> None:
+    q = crane().hanging(crane().state(luff=0.4).q)
+    lowered = np.array([0.0, -0.03, 0.0, 0.0])
+    assert float(Pump(crane(), 3e-3, MOTORS, power=1.0).pressure(q, lowered)) == 0.0
+    without = Pump(crane(), 3e-3, MOTORS).limited(q, lowered)
+    regulated = Pump(crane(), 3e-3, MOTORS, power=1.0).limited(q, lowered)
+    np.testing.assert_array_equal(regulated, without)
+
+
+def test_the_heaviest_loaded_drive_sets_the_pressure_for_all() -> None:
+    q = crane().hanging(crane().state(luff=0.4).q)
+    held = holding_effort(crane(), q)
+    # The hoist holds its load upwards against a coordinate that counts downwards.
+    both = np.array([0.0, 0.02, 0.0, -0.1])
+    pump = Pump(crane(), 3e-3, MOTORS, power=2e4)
+    volumes = pump.volumes(q)
+    pressures = [abs(held[drive]) / volumes[drive] for drive in (1, 3)]
+    assert float(pump.pressure(q, both)) == pytest.approx(max(pressures), rel=1e-12)
+    limited = pump.limited(q, both)
+    taken = float(volumes @ np.abs(limited))
+    assert taken == pytest.approx(2e4 / max(pressures), rel=1e-12)
+    many = pump.limited(np.array([q, q]), np.array([both, 0.1 * both]))
+    np.testing.assert_allclose(many[0], limited, rtol=1e-14)
+
+
+@pytest.mark.parametrize("power", [0.0, -1.0, float("nan")])
+def test_a_pump_without_power_is_refused(power: float) -> None:
+    with pytest.raises(OutOfRange, match="power of the pump"):
+        Pump(crane(), 3e-3, MOTORS, power=power)
+
+
 @pytest.mark.slow
 def test_cylinders_of_a_batch_are_those_of_each_run() -> None:
     pytest.importorskip("llvmlite", reason="extra compiled (llvmlite) is not installed")
