@@ -217,3 +217,23 @@ def test_a_random_sea_without_spectra_or_operators_is_refused() -> None:
         RandomSea([Jonswap(1.0, 8.0)], [])
     with pytest.raises(OutOfRange, match="of the energy of the waves lies outside"):
         RandomSea([Jonswap(1.0, 500.0)], [FOLLOWING])
+
+
+@pytest.mark.parametrize("count", [2, 3, 10, 1000, 1003])
+def test_equally_spaced_times_have_the_coordinates_of_each_alone(count: int) -> None:
+    """Their sines are products of starts and offsets; one time alone is a sine itself."""
+    motion = BaseMotion.sines(heave=(1.5, 8.0, 0.3), roll=(0.05, 11.0, -1.2), yaw=(0.1, 3.0))
+    times = 40.0 + 2.5e-3 * np.arange(count)
+    together = motion.at(times)
+    for row in {0, 1, count // 2, count - 1}:
+        alone = motion.at(times[[row]])
+        for ours, own in zip(together, alone, strict=True):
+            # Angles of some hundred radians keep 14 digits of a double.
+            assert_allclose(ours[row], own[0], atol=1e-13)
+
+
+def test_times_that_are_not_equally_spaced_are_no_products() -> None:
+    motion = BaseMotion.sines(heave=(1.5, 8.0))
+    times = np.array([0.0, 1.0, 2.0, 3.5, 4.0, 9.0, 9.5, 20.0, 21.0])
+    expected = 1.5 * np.sin(2.0 * np.pi / 8.0 * times)
+    assert_allclose(motion.at(times).position[:, 2], expected, atol=1e-14)
