@@ -64,7 +64,8 @@ class BaseSamples:
         clocks = self._spec.clocks
         half_step = clocks.dt / SAMPLES_PER_STEP
         count = SAMPLES_PER_STEP * clocks.steps * periods + 1
-        # From one origin, so that a sample is the same whichever periods it is asked for with.
+        # From one origin, so that a sample is the same, but for round-off, whichever periods it is
+        # asked for with.
         before = SAMPLES_PER_STEP * clocks.steps * first
         times = self._spec.t_start + half_step * np.arange(before, before + count)
         return self._base.frames(times).root_numbers(self._gravity)
