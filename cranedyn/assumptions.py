@@ -63,7 +63,7 @@ def check_entered(assumptions: Iterable[Assumption]) -> Check:
     assumptions = list(assumptions)
     defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
     if not defaults:
-        sentence = "Nothing that the result rests on is a default of this program."
+        sentence = "No value listed under what the result rests on is a default of this program."
         shipped = " and ".join(a.name for a in assumptions if a.origin is Origin.SHIPPED)
         if shipped:
             sentence += f" Shipped with it, so check that it is yours: {shipped}."
