@@ -204,7 +204,7 @@ EXPERIMENTS = {
         },
     ),
     "cylinders": Entry(
-        "Cylinders and pump of a mobile crane",
+        "Cylinders of a mobile crane",
         "Cylinders by energy and points; four drives on a pump.",
         figures={"cylinders": "Forces of cylinders by the angle of the boom, and in a move."},
     ),
