@@ -17,6 +17,7 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from cranedyn import theory
+from cranedyn.analysis.swing import zero_crossings
 from cranedyn.controllers import follow
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.bodies import point_paths
@@ -27,10 +28,11 @@ from cranedyn.model.crane import Crane
 from cranedyn.model.heavy_rope import bodies_for, rope_bends
 from cranedyn.plotting.figures import legend_above, panels
 from cranedyn.references import spline
+from cranedyn.references.simple import Spline
 from experiments import harness
 from experiments.harness import Claim, Outcome, ResultTable, Setup, make_table
 from experiments.scenarios.crane_variants import POINT
-from experiments.scenarios.running_rope import RunningRope, smooth_hoisting
+from experiments.scenarios.running_rope import CableMotion, RunningRope
 
 LOAD = 1000.0
 """Mass of the load [kg]."""
@@ -189,7 +191,7 @@ class SwingWhileHoisted:
         return float(np.abs(self.angles[self.t >= HOISTING]).max())
 
 
-def expected_delay(carried: float, until: float, gravity: float) -> float:
+def expected_delay(crane: Crane, reference: Spline, carried: float, until: float) -> float:
     """Return by how much a load swings later than on a running rope [s], where bodies with the mass
     of one cable length l₀ stand for the rope.
 
@@ -198,14 +200,14 @@ def expected_delay(carried: float, until: float, gravity: float) -> float:
     μ (l₀ - l)/(12 M), and the phase that is gained meanwhile is a time at the frequency at the end.
 
     Args:
+        crane: The crane.
+        reference: How it hoists.
         carried: Length whose mass the bodies have l₀ [m]; 0 for a rope without mass.
         until: Time at which the delay counts [s].
-        gravity: g [m/s²].
     """
-    motion = smooth_hoisting(*HOISTED, HOISTING)
     t = np.linspace(0.0, until, 1001)
-    lengths = np.array([motion(time).length for time in t])
-    frequencies = np.sqrt(gravity / lengths)
+    lengths = reference.at(t).position[:, crane.layout.drive("l")]
+    frequencies = np.sqrt(crane.gravity / lengths)
     too_quick = FALLS * ROPE_MASS * (carried - lengths) / (12.0 * LOAD)
     return -float(np.trapezoid(too_quick * frequencies, t) / frequencies[-1])
 
@@ -247,35 +249,43 @@ def hoistings(setup: Setup) -> Hoisted:
         runs.append((crane, _hoisted(setup, crane, f"hoist a load: {name}")))
 
     crane, run = runs[0]
-    motion = smooth_hoisting(first, last, HOISTING)
+    reference = _hoisting(crane)
+    hoist = crane.layout.drive("l")
+
+    def cable(t: float) -> CableMotion:
+        setpoint = reference.at(np.array([t]))
+        return CableMotion(
+            length=float(setpoint.position[0, hoist]),
+            rate=float(setpoint.velocity[0, hoist]),
+            acceleration=float(setpoint.acceleration[0, hoist]),
+        )
+
     rope = RunningRope(FALLS * ROPE_MASS, LOAD)
-    angles = rope.angles(motion, SMALL_SWING, run.t, crane.gravity)
-    until = _last_zero(run.t, angles)
+    angles = rope.angles(cable, SMALL_SWING, run.t, crane.gravity)
+    until = zero_crossings(run.t, angles)[-1]
     cases = []
     for (name, carried), (its_crane, its_run) in zip(cranes, runs, strict=True):
         swing = _angles(its_crane, its_run)
-        late = _last_zero(its_run.t, swing) - until
-        expected = expected_delay(carried, until, crane.gravity)
+        late = float(zero_crossings(its_run.t, swing)[-1] - until)
+        expected = expected_delay(crane, reference, carried, until)
         cases.append(SwingWhileHoisted(name, its_run.t, swing, late, expected))
     return Hoisted(SwingWhileHoisted("running rope", run.t, angles, 0.0, 0.0), cases, crane, run)
 
 
+def _hoisting(crane: Crane) -> Spline:
+    """Return the reference that hoists a load from the start of a crane."""
+    goal = crane.start.q[crane.layout.drives].copy()
+    goal[crane.layout.drive("l")] = HOISTED[1]
+    return spline(crane, crane.start, [goal], [HOISTING])
+
+
 def _hoisted(setup: Setup, crane: Crane, label: str) -> Trajectory:
     """Return the run of a crane that hoists a load which swings."""
-    motion = smooth_hoisting(*HOISTED, HOISTING)
-    period = setup.control_period
-    hoist = crane.layout.drive("l")
-
-    def accelerations(t: float, *_: object) -> np.ndarray:
-        command = np.zeros(crane.layout.m)
-        # A command holds for a control period, which the acceleration in its middle stands for.
-        command[hoist] = motion(t + 0.5 * period).acceleration
-        return command
-
+    reference = _hoisting(crane)
     return setup.simulate(
         crane,
-        accelerations,
-        None,
+        follow(crane, reference, setup.control_period),
+        reference,
         start=crane.state(phi=SMALL_SWING),
         duration=HOISTING + AFTERWARDS,
         label=label,
@@ -290,15 +300,6 @@ def _angles(crane: Crane, run: Trajectory) -> np.ndarray:
     paths = point_paths(crane, run.q)
     line = paths[:, 0] - paths[:, 1]
     return np.arctan2(line[:, 1], -line[:, 2])
-
-
-def _last_zero(t: np.ndarray, angles: np.ndarray) -> float:
-    """Return the last time at which an angle falls through zero [s], on a straight line between
-    rows.
-    """
-    row = int(np.flatnonzero((angles[:-1] > 0.0) & (angles[1:] <= 0.0))[-1])
-    share = angles[row] / (angles[row] - angles[row + 1])
-    return float(t[row] + share * (t[row + 1] - t[row]))
 
 
 # --- sheaves --------------------------------------------------------------------------------------
@@ -334,9 +335,8 @@ def sheaves(setup: Setup) -> Sheaves:
     )
     start = crane.state(l=RAISED[0])
     drives = start.q[crane.layout.drives]
-    hoist = crane.layout.drive("l")
     raised = drives.copy()
-    raised[hoist] = RAISED[1]
+    raised[crane.layout.drive("l")] = RAISED[1]
     reference = spline(
         crane, start, [raised, raised, drives], [RAISING, STANDING, RAISING], at=STANDING
     )

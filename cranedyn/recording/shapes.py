@@ -459,11 +459,12 @@ def rope_line(crane: Crane, q: np.ndarray) -> np.ndarray:
     """
     q = np.asarray(q)
     # The payload is the first point of a crane, and the last of its rope.
-    order = [*range(1, len(crane.points)), 0]
-    points = point_paths(crane, q)[:, order]
+    on_rope = [*crane.points[1:], crane.points[0]]
     bodies = [Point("", body, np.zeros(3)) for body in rope_bodies(crane)]
+    on_rope[1:1] = bodies  # below the pivot
+    points = point_paths(crane, q, on_rope)
     if bodies:
-        return np.concatenate([points[:, :1], point_paths(crane, q, bodies), points[:, 1:]], axis=1)
+        return points
     if crane.springs.bifilar is not None:
         return _two_falls(crane, crane.springs.bifilar, q, points)
     if crane.springs.rope is not None:

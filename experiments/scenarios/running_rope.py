@@ -36,24 +36,6 @@ class CableMotion(NamedTuple):
     acceleration: float
 
 
-def smooth_hoisting(first: float, last: float, duration: float) -> Callable[[float], CableMotion]:
-    """Return the cable length over time from one length to another [m], at rest at both ends.
-
-    It is the polynomial of fifth degree whose rate and acceleration are zero at both ends.
-    """
-
-    def motion(t: float) -> CableMotion:
-        s = min(max(t / duration, 0.0), 1.0)
-        travel = last - first
-        return CableMotion(
-            first + travel * s**3 * (10.0 - 15.0 * s + 6.0 * s**2),
-            travel / duration * s**2 * (30.0 - 60.0 * s + 30.0 * s**2),
-            travel / duration**2 * s * (60.0 - 180.0 * s + 120.0 * s**2),
-        )
-
-    return motion
-
-
 @dataclass(frozen=True)
 class RunningRope:
     """A rope with a point load at its end.
