@@ -178,7 +178,6 @@ def round_trip(setup: Setup) -> RoundTrip:
         LoadStage(loaded, follow(loaded, carrying, period), leaves - arrives, carrying, ground),
         LoadStage(empty, follow(empty, going, period), LOWERING + TRAVEL + REST, going),
     ]
-    show = setup.reporter.run("round trip", sum(stage.duration for stage in stages))
     run = simulate_stages(
         stages,
         start=start,
@@ -187,7 +186,7 @@ def round_trip(setup: Setup) -> RoundTrip:
         control_period=period,
         engine=setup.engine_of_runs,
         validity="mark",
-        monitors=[] if show is None else [lambda row, t, state: show(t)],
+        monitors=setup.monitors("round trip", sum(stage.duration for stage in stages)),
     )
     whole = run.trajectory
     pull = np.zeros(len(whole))

@@ -18,6 +18,7 @@ from cranedyn.interfaces import (
     Disturbance,
     Drive,
     EngineName,
+    Monitor,
     Reference,
     State,
     Validity,
@@ -162,7 +163,6 @@ class Setup:
         """Run a crane on the clocks of this world, with progress under a label; further options are
         those of `cranedyn.simulation.simulate.simulate`.
         """
-        show = self.reporter.run(label, duration)
         return simulate(
             crane,
             controller,
@@ -173,10 +173,17 @@ class Setup:
             control_period=self.control_period,
             engine=self.engine_of_runs,
             integrator=INTEGRATORS[self.integrator],
-            monitors=[] if show is None else [lambda row, t, state: show(t)],
+            monitors=self.monitors(label, duration),
             # An experiment may ask for another validity than the command line.
             **{"validity": self.validity, **options},
         )
+
+    def monitors(self, label: str, duration: float) -> list[Monitor]:
+        """Return what shows the progress of a run of a duration [s] under a label; an empty list
+        where nothing is shown.
+        """
+        show = self.reporter.run(label, duration)
+        return [] if show is None else [lambda row, t, state: show(t)]
 
     def judged(self, holds: bool) -> bool | None:
         """Return the verdict of a claim about numbers that the article published.
