@@ -1,9 +1,12 @@
-"""A rope with mass, and sheaves with friction: periods, pull and winding up beside closed forms.
+"""A rope with mass, and sheaves with friction: frequencies, pull and hoisting, beside theory.
 
 The rope of the tower crane weighs 78 kg where it hangs 15 m on four falls, beside a load of 1 t.
-Bodies on it are compared with the Bessel functions of a heavy rope, its pull with the weight of all
-that hangs, and hoisting with an independent solution of a running rope. At last a hoist with
-friction in its sheaves raises and lowers a load.
+Bodies on the rope carry this mass. They are compared with the Bessel functions of a heavy rope, and
+the pull of the hoist with the weight of all that hangs.
+
+The bodies keep the mass of one cable length while the hoist runs. What that does to the swing of a
+load is compared with an independent solution of a running rope. Finally a hoist with friction in
+its sheaves, on a rope without mass, raises and lowers a load.
 """
 
 from __future__ import annotations
@@ -53,7 +56,7 @@ MODES = 3
 """Frequencies that are compared: the swing and two vibrations of the rope."""
 
 USUAL_BODIES = 3
-"""Bodies of the runs: the default of the crane."""
+"""Bodies of the runs on a rope with mass: the default of the crane."""
 
 LENGTHS = (5.0, 10.0, 15.0, 20.0, 25.0)
 """Cable lengths at which the hoist holds the load [m]."""
@@ -61,10 +64,10 @@ LENGTHS = (5.0, 10.0, 15.0, 20.0, 25.0)
 SMALL_SWING = 1e-3
 """Swing at the start of the runs that are compared with linear theory [rad]."""
 
-HOISTED = (25.0, 10.0)
+HOIST_FROM_TO = (25.0, 10.0)
 """Cable length from which, and to which, the swinging load is hoisted [m]."""
 
-HOISTING = 40.0
+HOIST_TIME = 40.0
 """Time for it [s]."""
 
 AFTERWARDS = 10.0
@@ -74,20 +77,20 @@ SHEAVE_FRICTION = 0.01
 """Coefficient of friction of a rope on its sheaves, half a turn each: rolling bearings pass on some
 97 to 98 % of a pull."""
 
-RAISED = (15.0, 10.0)
+RAISE_FROM_TO = (15.0, 10.0)
 """Cable lengths between which the hoist with friction goes [m]."""
 
-RAISING = 12.0
+RAISE_TIME = 12.0
 """Time for each way [s]."""
 
-STANDING = 4.0
+REST_TIME = 4.0
 """Time at rest before and after each [s]."""
 
 DRUM = Drum(radius=0.25, width=0.8, rope_diameter=0.018, layers=4, inertia=60.0)
 """Drum of that hoist."""
 
 LINE = 120.0
-"""Rope of it, wound up with the hook at the pivot [m]."""
+"""Rope on that drum with the hook at the pivot [m]."""
 
 
 # --- frequencies ----------------------------------------------------------------------------------
@@ -153,7 +156,9 @@ class Pull:
 
 
 def pulls(setup: Setup) -> list[Pull]:
-    """Return what the hoist of a crane that was loaded at `LENGTH` holds at other lengths."""
+    """Return what the hoist holds at several cable lengths, of a crane whose bodies have the mass of
+    the rope at `LENGTH`: what the rope weighs more or less acts on the hoist as well.
+    """
     crane = heavy_crane(setup, hoist_init=LENGTH)
     hoist = crane.layout.drive("l")
     rows = []
@@ -188,16 +193,18 @@ class SwingWhileHoisted:
     @property
     def amplitude(self) -> float:
         """Largest angle after hoisting [rad]."""
-        return float(np.abs(self.angles[self.t >= HOISTING]).max())
+        return float(np.abs(self.angles[self.t >= HOIST_TIME]).max())
 
 
 def expected_delay(crane: Crane, reference: Spline, carried: float, until: float) -> float:
     """Return by how much a load swings later than on a running rope [s], where bodies with the mass
     of one cable length l₀ stand for the rope.
 
-    A rope of the mass μ l makes the swing of a load M quicker by the share μ l/(12 M), to first
-    order: √((1 + ε/2)/(1 + ε/3)) is 1 + ε/12. At the length l the bodies make it too quick by
-    μ (l₀ - l)/(12 M), and the phase that is gained meanwhile is a time at the frequency at the end.
+    With the mass μ of a metre of all falls, a rope has the share ε = μ l/M of the mass of its load,
+    and makes the swing quicker by ε/12 to first order, since √((1 + ε/2)/(1 + ε/3)) is that of a
+    rod. At the length l the bodies so make it too quick by the share μ (l₀ - l)/(12 M). The phase
+    that is gained, the integral of this share times the frequency, over the frequency at the end is
+    a time.
 
     Args:
         crane: The crane.
@@ -213,27 +220,28 @@ def expected_delay(crane: Crane, reference: Spline, carried: float, until: float
 
 
 @dataclass(frozen=True)
-class Hoisted:
+class HoistRuns:
     """Runs in which a swinging load is hoisted.
 
     Attributes:
-        exact: The load on a running rope.
-        cases: The load on bodies with the mass of two lengths, and on a rope without mass.
+        running_rope: The load on a running rope.
+        cases: The load on bodies with the mass of the length in the middle, and with that of the
+            length at the start, and on a rope without mass.
         crane: The crane of the first of them.
         run: Its run.
     """
 
-    exact: SwingWhileHoisted
+    running_rope: SwingWhileHoisted
     cases: list[SwingWhileHoisted]
     crane: Crane
     run: Trajectory
 
 
-def hoistings(setup: Setup) -> Hoisted:
+def hoistings(setup: Setup) -> HoistRuns:
     """Hoist a swinging load: on bodies with the mass of the length in the middle and of that at the
     start, on a rope without mass, and on a running rope.
     """
-    first, last = HOISTED
+    first, last = HOIST_FROM_TO
     middle = 0.5 * (first + last)
     cranes = [
         (f"bodies with the mass of {middle:g} m", middle),
@@ -246,10 +254,10 @@ def hoistings(setup: Setup) -> Hoisted:
             crane = heavy_crane(setup, hoist_init=first, rope_mass_length=carried)
         else:
             crane = setup.variant(**POINT, payload_mass=LOAD, hoist_init=first)
-        runs.append((crane, _hoisted(setup, crane, f"hoist a load: {name}")))
+        runs.append((crane, _run_hoist(setup, crane, f"hoist a load: {name}")))
 
     crane, run = runs[0]
-    reference = _hoisting(crane)
+    reference = _hoist_reference(crane)
     hoist = crane.layout.drive("l")
 
     def cable(t: float) -> CableMotion:
@@ -269,36 +277,38 @@ def hoistings(setup: Setup) -> Hoisted:
         late = float(zero_crossings(its_run.t, swing)[-1] - until)
         expected = expected_delay(crane, reference, carried, until)
         cases.append(SwingWhileHoisted(name, its_run.t, swing, late, expected))
-    return Hoisted(SwingWhileHoisted("running rope", run.t, angles, 0.0, 0.0), cases, crane, run)
+    return HoistRuns(SwingWhileHoisted("running rope", run.t, angles, 0.0, 0.0), cases, crane, run)
 
 
-def _hoisting(crane: Crane) -> Spline:
+def _hoist_reference(crane: Crane) -> Spline:
     """Return the reference that hoists a load from the start of a crane."""
     goal = crane.start.q[crane.layout.drives].copy()
-    goal[crane.layout.drive("l")] = HOISTED[1]
-    return spline(crane, crane.start, [goal], [HOISTING])
+    goal[crane.layout.drive("l")] = HOIST_FROM_TO[1]
+    return spline(crane, crane.start, [goal], [HOIST_TIME])
 
 
-def _hoisted(setup: Setup, crane: Crane, label: str) -> Trajectory:
+def _run_hoist(setup: Setup, crane: Crane, label: str) -> Trajectory:
     """Return the run of a crane that hoists a load which swings."""
-    reference = _hoisting(crane)
+    reference = _hoist_reference(crane)
     return setup.simulate(
         crane,
         follow(crane, reference, setup.control_period),
         reference,
         start=crane.state(phi=SMALL_SWING),
-        duration=HOISTING + AFTERWARDS,
+        duration=HOIST_TIME + AFTERWARDS,
         label=label,
         drive="motion",
     )
 
 
 def _angles(crane: Crane, run: Trajectory) -> np.ndarray:
-    """Return the angle of the line from pivot to load in each row of a run [rad]. The pivot stands
-    still, and the radial swing is in its vertical plane along -Y.
+    """Return the angle of the line from pivot to load in each row of a run [rad], positive as the
+    radial swing is: towards +Y, since the jib points along -Y and the load lags inward.
     """
     paths = point_paths(crane, run.q)
-    line = paths[:, 0] - paths[:, 1]
+    load = paths[:, 0]
+    pivot = paths[:, 1]
+    line = load - pivot
     return np.arctan2(line[:, 1], -line[:, 2])
 
 
@@ -313,16 +323,17 @@ class Sheaves:
         run: The run.
         up: Force of the hoist while it raises the load steadily, as a share of the weight.
         down: The same while it lowers it.
-        up_by_hand: n F/W of hoisting with the friction of a rope on sheaves, without swing.
-        down_by_hand: The same of lowering.
+        up_capstan: The same of hoisting by the capstan equation: n F/W with the pull F of the line
+            and the weight W.
+        down_capstan: The same of lowering.
         winch: Columns of the winch, see `cranedyn.lifts.judging.drum.Winch.columns`.
     """
 
     run: Trajectory
     up: float
     down: float
-    up_by_hand: float
-    down_by_hand: float
+    up_capstan: float
+    down_capstan: float
     winch: dict[str, np.ndarray]
 
 
@@ -333,37 +344,38 @@ def sheaves(setup: Setup) -> Sheaves:
     crane = setup.variant(
         **POINT, payload_mass=LOAD, falls=FALLS, friction_hoist=reeving.friction(weight)
     )
-    start = crane.state(l=RAISED[0])
+    start = crane.state(l=RAISE_FROM_TO[0])
     drives = start.q[crane.layout.drives]
     raised = drives.copy()
-    raised[crane.layout.drive("l")] = RAISED[1]
+    raised[crane.layout.drive("l")] = RAISE_FROM_TO[1]
     reference = spline(
-        crane, start, [raised, raised, drives], [RAISING, STANDING, RAISING], at=STANDING
+        crane, start, [raised, raised, drives], [RAISE_TIME, REST_TIME, RAISE_TIME], at=REST_TIME
     )
     run = setup.simulate(
         crane,
         follow(crane, reference, setup.control_period),
         reference,
         start=start,
-        duration=3.0 * STANDING + 2.0 * RAISING,
+        duration=3.0 * REST_TIME + 2.0 * RAISE_TIME,
         label="raise and lower",
         drive="motion",
     )
     # In the middle of each way the load does not accelerate.
-    middle_up = int(np.searchsorted(run.t, STANDING + 0.5 * RAISING))
-    middle_down = int(np.searchsorted(run.t, 2.0 * STANDING + 1.5 * RAISING))
+    middle_up = int(np.searchsorted(run.t, REST_TIME + 0.5 * RAISE_TIME))
+    middle_down = int(np.searchsorted(run.t, 2.0 * REST_TIME + 1.5 * RAISE_TIME))
     share = -run["F_l_N"] / weight
     winch = Winch(DRUM, reeving, LINE)
     ratio = theory.capstan(SHEAVE_FRICTION, np.pi)
-    # Each fall pulls less than the one before it: W = F (1 + 1/r + 1/r² + ...) in hoisting, with
-    # r = e^{μα}, and W = F (1 + r + r² + ...) in lowering.
+    # In hoisting each fall pulls less than the one before it, W = F (1 + 1/r + 1/r² + ...) with
+    # r = e^{μα}; in lowering each pulls more, W = F (1 + r + r² + ...). No sheave is between drum
+    # and first fall.
     falls = np.arange(FALLS)
     return Sheaves(
         run=run,
         up=float(share[middle_up]),
         down=float(share[middle_down]),
-        up_by_hand=float(FALLS / (ratio**-falls).sum()),
-        down_by_hand=float(FALLS / (ratio**falls).sum()),
+        up_capstan=float(FALLS / (ratio**-falls).sum()),
+        down_capstan=float(FALLS / (ratio**falls).sum()),
         winch=winch.columns(crane, run),
     )
 
@@ -437,16 +449,16 @@ def _pull_claim(held: Sequence[Pull]) -> Claim:
     )
 
 
-def _hoisting_claims(hoisted: Hoisted) -> list[Claim]:
+def _hoisting_claims(hoisted: HoistRuns) -> list[Claim]:
     """Return the claims that a load which is hoisted swings as on a running rope, but for what the
     constant mass of the bodies makes of its frequency.
     """
     worst = max(abs(case.late - case.expected) for case in hoisted.cases)
-    amplitudes = [case.amplitude / hoisted.exact.amplitude - 1.0 for case in hoisted.cases]
+    amplitudes = [case.amplitude / hoisted.running_rope.amplitude - 1.0 for case in hoisted.cases]
     apart = max(np.abs(amplitudes).tolist())
     return [
         Claim(
-            f"Hoisted from {HOISTED[0]:g} to {HOISTED[1]:g} m, loads swing earlier or later than "
+            f"Hoisted from {HOIST_FROM_TO[0]:g} to {HOIST_FROM_TO[1]:g} m, loads swing earlier or later than "
             "on a running rope by what μ (l₀ - l)/(12 M) of the frequency gives, within 0.02 s, "
             f"0.3 % of a period ({worst:.3f} s).",
             worst < 0.02,
@@ -460,19 +472,20 @@ def _hoisting_claims(hoisted: Hoisted) -> list[Claim]:
 
 
 def _sheave_claim(rubbing: Sheaves) -> Claim:
-    """Return the claim that the hoist pulls as a rope over sheaves with friction has it."""
-    # The friction of the run is the mean of those of hoisting and lowering, which differ.
-    apart = 0.5 * abs((rubbing.up_by_hand - 1.0) - (1.0 - rubbing.down_by_hand))
+    """Return the claim that the hoist pulls as a rope over sheaves with friction has it, but for
+    one friction that stands for those of hoisting and lowering.
+    """
+    half_difference = 0.5 * abs((rubbing.up_capstan - 1.0) - (1.0 - rubbing.down_capstan))
     worst = max(
-        abs(rubbing.up - rubbing.up_by_hand),
-        abs(rubbing.down - rubbing.down_by_hand),
+        abs(rubbing.up - rubbing.up_capstan),
+        abs(rubbing.down - rubbing.down_capstan),
     )
     return Claim(
-        f"Over sheaves with friction the hoist pulls {rubbing.up:.4f} of the weight in hoisting "
-        f"and {rubbing.down:.4f} in lowering; T₂ = T₁ e^(μα) gives {rubbing.up_by_hand:.4f} and "
-        f"{rubbing.down_by_hand:.4f}, and one friction for both is {apart:.4f} beside them "
-        f"(apart by {worst:.4f}, by 1e-4 more at most).",
-        worst < apart + 1e-4,
+        f"The hoist pulls {rubbing.up:.4f} of the weight in hoisting and {rubbing.down:.4f} in "
+        f"lowering, where T₂ = T₁ e^(μα) gives {rubbing.up_capstan:.4f} and "
+        f"{rubbing.down_capstan:.4f}: one friction, the mean of both, misses each by "
+        f"{half_difference:.4f}, and the run by 1e-4 more at most ({worst:.4f}).",
+        worst < half_difference + 1e-4,
     )
 
 
@@ -495,9 +508,14 @@ def _frequency_table(compared: Sequence[Frequencies]) -> ResultTable:
 
 def _bodies_table(crane: Crane) -> ResultTable:
     ropes = [
-        ("four falls of 1.3 kg/m, 15 m, 1 t", LENGTH, FALLS * ROPE_MASS, LOAD),
+        (
+            f"{FALLS} falls of {ROPE_MASS:g} kg/m, {LENGTH:g} m, {LOAD / 1e3:g} t",
+            LENGTH,
+            FALLS * ROPE_MASS,
+            LOAD,
+        ),
         ("the same with an empty hook of 200 kg", LENGTH, FALLS * ROPE_MASS, 200.0),
-        ("two falls of 2.4 kg/m, 60 m, 2 t", 60.0, 4.8, 2000.0),
+        ("2 falls of 2.4 kg/m, 60 m, 2 t", 60.0, 4.8, 2000.0),
     ]
     rows = []
     for name, length, mass, load in ropes:
@@ -527,10 +545,10 @@ def _pull_table(held: Sequence[Pull]) -> ResultTable:
     )
 
 
-def _hoisting_table(hoisted: Hoisted) -> ResultTable:
+def _hoisting_table(hoisted: HoistRuns) -> ResultTable:
     return make_table(
-        f"A load that swings while it is hoisted from {HOISTED[0]:g} to {HOISTED[1]:g} m",
-        [hoisted.exact, *hoisted.cases],
+        f"A load that swings while it is hoisted from {HOIST_FROM_TO[0]:g} to {HOIST_FROM_TO[1]:g} m",
+        [hoisted.running_rope, *hoisted.cases],
         ("", "", lambda case: case.name),
         ("swing afterwards [mrad]", ".3f", lambda case: 1e3 * case.amplitude),
         ("late at the end [s]", ".3f", lambda case: case.late),
@@ -541,10 +559,10 @@ def _hoisting_table(hoisted: Hoisted) -> ResultTable:
 def _winch_table(rubbing: Sheaves) -> ResultTable:
     run = rubbing.run
     rows = {
-        "at rest below": STANDING,
-        "hoisting": STANDING + 0.5 * RAISING,
-        "at rest above": 1.5 * STANDING + RAISING,
-        "lowering": 2.0 * STANDING + 1.5 * RAISING,
+        "at rest below": 0.5 * REST_TIME,
+        "hoisting": REST_TIME + 0.5 * RAISE_TIME,
+        "at rest above": 1.5 * REST_TIME + RAISE_TIME,
+        "lowering": 2.0 * REST_TIME + 1.5 * RAISE_TIME,
     }
     places = [(name, int(np.searchsorted(run.t, t))) for name, t in rows.items()]
     winch = rubbing.winch
@@ -560,7 +578,7 @@ def _winch_table(rubbing: Sheaves) -> ResultTable:
     )
 
 
-def _figure(compared: Sequence[Frequencies], hoisted: Hoisted, rubbing: Sheaves) -> Figure:
+def _figure(compared: Sequence[Frequencies], hoisted: HoistRuns, rubbing: Sheaves) -> Figure:
     figure, (errors, angles, force) = panels(3, height=2.0, width=7.0)
     for mode, name in enumerate(("swing", "first vibration", "second vibration")):
         rows = [row for row in compared if mode < len(row.errors)]
@@ -568,7 +586,7 @@ def _figure(compared: Sequence[Frequencies], hoisted: Hoisted, rubbing: Sheaves)
         errors.loglog(counts, [abs(row.errors[mode]) for row in rows], "o-", label=name)
     errors.set(xlabel="bodies on the rope", ylabel="error of a frequency")
     legend_above(errors, columns=3)
-    drawn = [(hoisted.exact, "-"), (hoisted.cases[0], "--"), (hoisted.cases[2], ":")]
+    drawn = [(hoisted.running_rope, "-"), (hoisted.cases[0], "--"), (hoisted.cases[2], ":")]
     for case, style in drawn:
         angles.plot(case.t, 1e3 * case.angles, style, label=case.name)
     angles.set(xlabel="time [s]", ylabel="angle [mrad]")
