@@ -64,7 +64,7 @@ LENGTHS = (5.0, 10.0, 15.0, 20.0, 25.0)
 SMALL_SWING = 1e-3
 """Swing at the start of the runs that are compared with linear theory [rad]."""
 
-HOIST_FROM_TO = (25.0, 10.0)
+HOIST_ENDS = (25.0, 10.0)
 """Cable length from which, and to which, the swinging load is hoisted [m]."""
 
 HOIST_TIME = 40.0
@@ -77,7 +77,7 @@ SHEAVE_FRICTION = 0.01
 """Coefficient of friction of a rope on its sheaves, half a turn each: rolling bearings pass on some
 97 to 98 % of a pull."""
 
-RAISE_FROM_TO = (15.0, 10.0)
+RAISE_ENDS = (15.0, 10.0)
 """Cable lengths between which the hoist with friction goes [m]."""
 
 RAISE_TIME = 12.0
@@ -156,8 +156,10 @@ class Pull:
 
 
 def pulls(setup: Setup) -> list[Pull]:
-    """Return what the hoist holds at several cable lengths, of a crane whose bodies have the mass of
-    the rope at `LENGTH`: what the rope weighs more or less acts on the hoist as well.
+    """Return what the hoist of a crane holds at several cable lengths.
+
+    Its bodies have the mass of the rope at `LENGTH`: what the rope weighs more or less at another
+    length acts on the hoist as well.
     """
     crane = heavy_crane(setup, hoist_init=LENGTH)
     hoist = crane.layout.drive("l")
@@ -241,7 +243,7 @@ def hoistings(setup: Setup) -> HoistRuns:
     """Hoist a swinging load: on bodies with the mass of the length in the middle and of that at the
     start, on a rope without mass, and on a running rope.
     """
-    first, last = HOIST_FROM_TO
+    first, last = HOIST_ENDS
     middle = 0.5 * (first + last)
     cranes = [
         (f"bodies with the mass of {middle:g} m", middle),
@@ -283,7 +285,7 @@ def hoistings(setup: Setup) -> HoistRuns:
 def _hoist_reference(crane: Crane) -> Spline:
     """Return the reference that hoists a load from the start of a crane."""
     goal = crane.start.q[crane.layout.drives].copy()
-    goal[crane.layout.drive("l")] = HOIST_FROM_TO[1]
+    goal[crane.layout.drive("l")] = HOIST_ENDS[1]
     return spline(crane, crane.start, [goal], [HOIST_TIME])
 
 
@@ -344,10 +346,10 @@ def sheaves(setup: Setup) -> Sheaves:
     crane = setup.variant(
         **POINT, payload_mass=LOAD, falls=FALLS, friction_hoist=reeving.friction(weight)
     )
-    start = crane.state(l=RAISE_FROM_TO[0])
+    start = crane.state(l=RAISE_ENDS[0])
     drives = start.q[crane.layout.drives]
     raised = drives.copy()
-    raised[crane.layout.drive("l")] = RAISE_FROM_TO[1]
+    raised[crane.layout.drive("l")] = RAISE_ENDS[1]
     reference = spline(
         crane, start, [raised, raised, drives], [RAISE_TIME, REST_TIME, RAISE_TIME], at=REST_TIME
     )
@@ -458,8 +460,8 @@ def _hoisting_claims(hoisted: HoistRuns) -> list[Claim]:
     apart = max(np.abs(amplitudes).tolist())
     return [
         Claim(
-            f"Hoisted from {HOIST_FROM_TO[0]:g} to {HOIST_FROM_TO[1]:g} m, loads swing earlier or later than "
-            "on a running rope by what μ (l₀ - l)/(12 M) of the frequency gives, within 0.02 s, "
+            f"Hoisted from {HOIST_ENDS[0]:g} to {HOIST_ENDS[1]:g} m, loads swing earlier or later "
+            "than on a running rope by what μ (l₀ - l)/(12 M) of the frequency gives, within 0.02 s, "
             f"0.3 % of a period ({worst:.3f} s).",
             worst < 0.02,
         ),
@@ -507,13 +509,9 @@ def _frequency_table(compared: Sequence[Frequencies]) -> ResultTable:
 
 
 def _bodies_table(crane: Crane) -> ResultTable:
+    usual = f"{FALLS} falls of {ROPE_MASS:g} kg/m, {LENGTH:g} m, {LOAD / 1e3:g} t"
     ropes = [
-        (
-            f"{FALLS} falls of {ROPE_MASS:g} kg/m, {LENGTH:g} m, {LOAD / 1e3:g} t",
-            LENGTH,
-            FALLS * ROPE_MASS,
-            LOAD,
-        ),
+        (usual, LENGTH, FALLS * ROPE_MASS, LOAD),
         ("the same with an empty hook of 200 kg", LENGTH, FALLS * ROPE_MASS, 200.0),
         ("2 falls of 2.4 kg/m, 60 m, 2 t", 60.0, 4.8, 2000.0),
     ]
@@ -547,7 +545,7 @@ def _pull_table(held: Sequence[Pull]) -> ResultTable:
 
 def _hoisting_table(hoisted: HoistRuns) -> ResultTable:
     return make_table(
-        f"A load that swings while it is hoisted from {HOIST_FROM_TO[0]:g} to {HOIST_FROM_TO[1]:g} m",
+        f"A load that swings while it is hoisted from {HOIST_ENDS[0]:g} to {HOIST_ENDS[1]:g} m",
         [hoisted.running_rope, *hoisted.cases],
         ("", "", lambda case: case.name),
         ("swing afterwards [mrad]", ".3f", lambda case: 1e3 * case.amplitude),
