@@ -31,6 +31,7 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.export import fmi
 from cranedyn.export.usual_controllers import usual_controller
 from cranedyn.interfaces import Setpoint
+from cranedyn.recording.process import free_port
 from tests.benchmark.toys import InThisProcess, still, towards_goal, toy, toy_instance
 from tests.helpers import ROOT
 
@@ -418,9 +419,7 @@ def test_a_program_that_ends_or_declines_does_so_in_its_instance(client: Path) -
 
 @pytest.mark.slow
 def test_a_program_that_the_user_starts_is_waited_for(client: Path) -> None:
-    from cranedyn.benchmark.entries.opcua import _free_port
-
-    url = f"opc.tcp://127.0.0.1:{_free_port()}"
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
     source = find_entry(url)
     assert (source.file, source.files, source.max_jobs) == (None, {}, 1)
     process = EntryProcess(source, EntryLimits())

@@ -23,7 +23,6 @@ import atexit
 import json
 import logging
 import resource
-import socket
 import subprocess
 import sys
 import threading
@@ -42,6 +41,7 @@ from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.errors import CraneError, format_error
 from cranedyn.interop.commissioning.opcua import listen, new_server
 from cranedyn.interop.commissioning.words import NAMESPACE
+from cranedyn.recording.process import free_port
 from cranedyn.sweep.workers import kill_with_parent
 
 try:
@@ -103,7 +103,7 @@ def open_source(source: str) -> Opened:
     scheme, _, name = source.partition(":")
     if scheme == "opcua":
         program = Path(name).resolve()
-        port = _free_port()
+        port = free_port()
     else:
         port = urlsplit(source).port or 0
     conversation = _Conversation(port)
@@ -126,13 +126,6 @@ def open_source(source: str) -> Opened:
         return _ProgramEntry(conversation, Targets(briefing), running)
 
     return make
-
-
-def _free_port() -> int:
-    """Return the number of a port at which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
 
 
 def _started(program: Path, url: str) -> subprocess.Popen[bytes]:
