@@ -47,9 +47,6 @@ EFFORT_FACTOR = 3.0
 saturate, whose lag and jerk are long beside its swing; with 10 and more a swing decays slowly. Our
 choice, on the crane inteco."""
 
-MPC_POINTS = 20
-"""Points of the horizon of `cranedyn.benchmark.papers.CraneMpc`."""
-
 MPC_EVERY = 2
 """Control periods from one optimisation of `kaepernick_mpc` to the next. Our choice: it takes some
 milliseconds for each axis."""
@@ -369,7 +366,12 @@ def kaepernick_mpc(briefing: Briefing) -> Entry:
     """Predictive control of Käpernick and Graichen (2013), a problem for each axis; bridge cranes
     only, no paths and operators.
     """
-    from cranedyn.benchmark.papers import GRAMPC_ROPE, GRAMPC_SWING_RATE, CraneMpc
+    from cranedyn.benchmark.papers import (
+        GRAMPC_POINTS,
+        GRAMPC_ROPE,
+        GRAMPC_SWING_RATE,
+        CraneMpc,
+    )
 
     _check_bridge_crane(briefing)
     if briefing.kind not in (*MOVES, "wind"):
@@ -389,10 +391,10 @@ def kaepernick_mpc(briefing: Briefing) -> Entry:
     }
     bridge = CraneMpc(accelerations=[bridge_a, hoist_a], hoists=False, **common)
     trolley = CraneMpc(accelerations=[trolley_a, hoist_a], **common)
-    points = trolley.step * np.arange(MPC_POINTS)
+    points = trolley.step * np.arange(GRAMPC_POINTS)
     # The rates of a plan are commanded so much earlier as the drives are late.
     lead = briefing.period + converters.delay + converters.lags
-    plans = np.zeros((MPC_POINTS, 3))
+    plans = np.zeros((GRAMPC_POINTS, 3))
     begun = -math.inf
 
     def rates(reading: SensorReading) -> np.ndarray:
