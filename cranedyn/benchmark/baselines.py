@@ -383,14 +383,20 @@ def kaepernick_mpc(briefing: Briefing) -> Entry:
     ropes = (briefing.start.q[drives[2]], goal[2])
     # The rope of the example is 2 m long; times grow with the square root of lengths.
     scale = max(ropes) / GRAMPC_ROPE
-    bridge_a, trolley_a, hoist_a = PLANNED_SHARE * converters.accelerations
-    common = {
-        "swing_rate": GRAMPC_SWING_RATE / math.sqrt(scale),
-        "scale": scale,
-        "gravity": briefing.crane.gravity,
-    }
-    bridge = CraneMpc(accelerations=[bridge_a, hoist_a], hoists=False, **common)
-    trolley = CraneMpc(accelerations=[trolley_a, hoist_a], **common)
+    swing_rate = GRAMPC_SWING_RATE / math.sqrt(scale)
+    bridge_limit, trolley_limit, hoist_limit = PLANNED_SHARE * converters.accelerations
+
+    def control(trolley_limit: float, *, hoists: bool) -> CraneMpc:
+        return CraneMpc(
+            accelerations=[trolley_limit, hoist_limit],
+            swing_rate=swing_rate,
+            scale=scale,
+            gravity=briefing.crane.gravity,
+            hoists=hoists,
+        )
+
+    bridge = control(bridge_limit, hoists=False)
+    trolley = control(trolley_limit, hoists=True)
     points = trolley.step * np.arange(GRAMPC_POINTS)
     # The rates of a plan are commanded so much earlier as the drives are late.
     lead = briefing.period + converters.delay + converters.lags
@@ -401,15 +407,19 @@ def kaepernick_mpc(briefing: Briefing) -> Entry:
         nonlocal plans, begun
         if reading.t - begun > (MPC_EVERY - 0.5) * briefing.period:
             begun = reading.t
-            x, rope = reading.position[1:]
-            x_rate, rope_rate = reading.rate[1:]
+            bridge_x, x, rope = reading.position
+            bridge_rate, x_rate, rope_rate = reading.rate
             phi, theta = reading.swing
             phi_rate, theta_rate = reading.swing_rate
-            state = np.array([x, x_rate, rope, rope_rate, phi, phi_rate])
-            along, _ = trolley.plan(state, np.array([goal[1], 0.0, goal[2], 0.0, 0.0, 0.0]))
-            state = np.array([reading.position[0], reading.rate[0], rope, 0.0, theta, theta_rate])
-            across, _ = bridge.plan(state, np.array([goal[0], 0.0, rope, 0.0, 0.0, 0.0]))
-            plans = np.column_stack([across[:, 1], along[:, 1], along[:, 3]])
+            trolley_plan, _ = trolley.plan(
+                np.array([x, x_rate, rope, rope_rate, phi, phi_rate]),
+                np.array([goal[1], 0.0, goal[2], 0.0, 0.0, 0.0]),
+            )
+            bridge_plan, _ = bridge.plan(
+                np.array([bridge_x, bridge_rate, rope, 0.0, theta, theta_rate]),
+                np.array([goal[0], 0.0, rope, 0.0, 0.0, 0.0]),
+            )
+            plans = np.column_stack([bridge_plan[:, 1], trolley_plan[:, 1], trolley_plan[:, 3]])
         ahead = reading.t - begun + lead
         planned = [np.interp(t, points, plan) for t, plan in zip(ahead, plans.T, strict=True)]
         return np.clip(planned, -converters.rates, converters.rates)

@@ -150,11 +150,12 @@ class CraneMpc:
                 second = rates(states[:, k] + step * first, inputs[:, k + 1])
                 equations.append(states[:, k + 1] - states[:, k] - 0.5 * step * (first + second))
             if obstacle is not None and k > 0:
-                below, angle = states[2, k], states[4, k]
+                rope = states[2, k]
+                angle = states[4, k]
                 # The angle of the example has the other sign.
-                place = states[0, k] - casadi.sin(angle) * below
+                place = states[0, k] - casadi.sin(angle) * rope
                 a, b = obstacle
-                heights.append(casadi.cos(angle) * below - a * place**2 - b)
+                heights.append(casadi.cos(angle) * rope - a * place**2 - b)
         variables = casadi.vertcat(casadi.vec(states), casadi.vec(inputs))
         constraints = casadi.vertcat(*equations, *heights)
         self._lower = np.full(variables.shape[0], -np.inf)
@@ -368,8 +369,10 @@ def minimum_swing(crane: ContainerCrane, intervals: int = 90) -> LeastSwing:
 
     cost = 0.0
     for k in range(intervals):
-        before, after = x[:, k], x[:, k + 1]
-        first, last = rates(before, u[:, k]), rates(after, u[:, k + 1])
+        before = x[:, k]
+        after = x[:, k + 1]
+        first = rates(before, u[:, k])
+        last = rates(after, u[:, k + 1])
         middle = 0.5 * (before + after) + step / 8.0 * (first - last)
         between = 0.5 * (u[:, k] + u[:, k + 1])
         slope = first + 4.0 * rates(middle, between) + last
