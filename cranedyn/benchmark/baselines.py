@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.benchmark.entries.targets import Target, Targets
 from cranedyn.benchmark.entry import Briefing, Declined, Entry
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import MOVES
@@ -60,19 +61,18 @@ class _Operator:
     """Where the operator has sent the drives so far: a reference that is fed readings."""
 
     def __init__(self, briefing: Briefing) -> None:
-        drives = briefing.crane.layout.drives
-        self._period = briefing.period
-        self._position = briefing.start.q[drives].copy()
-        self._rate = np.zeros(len(drives))
+        start = briefing.start.q[briefing.crane.layout.drives]
+        self._targets = Targets(briefing)
+        self._target = Target(start, np.zeros_like(start))
 
     def hear(self, reading: SensorReading) -> None:
         """Take what the operator asks for now."""
-        self._position = self._position + self._period * self._rate
-        self._rate = reading.operator
+        self._target = self._targets(reading)
 
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint now, at whatever time it is asked for."""
-        return Setpoint(self._position, self._rate, np.zeros_like(self._rate))
+        position, rate = self._target
+        return Setpoint(position, rate, np.zeros_like(rate))
 
 
 def _with_operator(briefing: Briefing, make: Callable[[Reference], tuple[Any, str]]) -> Entry:
