@@ -116,6 +116,21 @@ class EntryFiles:
         return "__pycache__" in parts or any(part.startswith(".") for part in parts)
 
 
+def add_digests(files: dict[str, str], found: Mapping[str, str]) -> set[str]:
+    """Add files of an entry to those that are known, and return the names of those that are known
+    with another SHA-256.
+
+    Args:
+        files: SHA-256 of the files that are known by their names; the others are added here.
+        found: SHA-256 of the files that were found now.
+    """
+    changed = set[str]()
+    for name, sha in found.items():
+        if files.setdefault(name, sha) != sha:
+            changed.add(name)
+    return changed
+
+
 def changed_files(stated: Mapping[str, str], file: Path) -> list[str]:
     """Return which files of an entry are not those of a result, a sentence each.
 
@@ -138,9 +153,11 @@ def changed_files(stated: Mapping[str, str], file: Path) -> list[str]:
         path = file if i == 0 else file.parent / relative
         if not path.is_file():
             found.append(f"{path} is missing.")
-        elif digest(path) != expected:
+            continue
+        present = digest(path)
+        if present != expected:
             found.append(
-                f"{path} is not the file of the result: its SHA-256 begins with "
-                f"{digest(path)[:12]}, that of the result with {expected[:12]}."
+                f"{path} is not the file of the result: its SHA-256 begins with {present[:12]}, "
+                f"that of the result with {expected[:12]}."
             )
     return found

@@ -30,7 +30,7 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
-from cranedyn.benchmark.entry_files import EntryFiles
+from cranedyn.benchmark.entry_files import EntryFiles, add_digests
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.sensors import SensorReading
@@ -194,9 +194,7 @@ class EntryProcess:
         if not isinstance(files, dict) or not all(isinstance(sha, str) for sha in files.values()):
             # What answers runs code of the entry.
             raise EntryFailed("Its process answered with what is no list of files.")
-        for name, sha in files.items():
-            if self.files.setdefault(name, sha) != sha:
-                self.changed.add(name)
+        self.changed |= add_digests(self.files, files)
 
     def _stop_timer(self) -> None:
         """Stop the clock of an instance."""
