@@ -11,7 +11,6 @@ stopping the others; they are no jail for a hostile one, which may read files an
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import os
@@ -33,7 +32,7 @@ from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
 from cranedyn.benchmark.entry_files import EntryFiles, add_digests
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.entry_source import EntrySource
-from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.sensors import SensorReading, consecutive_slices
 from cranedyn.benchmark.task import CraneTask, read_tasks
 from cranedyn.data.files import parse_json
 from cranedyn.errors import CraneError, format_error
@@ -387,8 +386,8 @@ class _Side:
         m = briefing.crane.layout.m
         s = len(briefing.crane.swings)
         self._drives = m
-        ends = np.cumsum([1, m, m, s, s, m]).tolist()
-        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
+        # The time comes first.
+        self._places = consecutive_slices([m, m, s, s, m], begin=1)
         assert self._opened is not None
         self._entry = self._opened(briefing)
 
