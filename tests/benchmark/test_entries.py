@@ -422,15 +422,14 @@ def test_a_program_that_the_user_starts_is_waited_for(client: Path) -> None:
     url = f"opc.tcp://127.0.0.1:{free_port()}"
     source = find_entry(url)
     assert (source.file, source.files, source.max_jobs) == (None, {}, 1)
-    process = EntryProcess(source, EntryLimits())
-    process.open()
-    program = subprocess.Popen([sys.executable, str(client), url])
-    try:
-        found = run_instance(toy_instance("move"), process)
-    finally:
-        program.kill()
-        program.wait()
-        process.close()
+    with process_of(url) as process:
+        process.open()
+        program = subprocess.Popen([sys.executable, str(client), url])
+        try:
+            found = run_instance(toy_instance("move"), process)
+        finally:
+            program.kill()
+            program.wait()
     assert found.metrics == run_here(page_controller(), "move").metrics
     for wrong in ("opc.tcp://0.0.0.0:4840", "opc.tcp://127.0.0.1", "opc.tcp://127.0.0.1:99999"):
         with pytest.raises(DataError, match="the benchmark listens there, on this machine only"):
@@ -524,15 +523,11 @@ def test_one_process_serves_all_tasks_of_an_entry(helpers: Path) -> None:
 
 @pytest.mark.slow
 def test_a_file_that_changes_while_an_entry_runs_is_found(helpers: Path) -> None:
-    source = find_entry(f"{helpers}:towards")
-    process = EntryProcess(source, EntryLimits())
-    try:
+    with process_of(f"{helpers}:towards") as process:
         run_instance(toy_instance("move"), process)
         table = helpers.with_name("data") / "shares.csv"
         table.write_text("1.0\n1.0\n0.50\n", encoding="utf-8")
         run_instance(toy_instance("move"), process)
-    finally:
-        process.close()
     assert process.changed == {"data/shares.csv"}
 
 
