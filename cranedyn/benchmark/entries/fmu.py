@@ -23,7 +23,7 @@ import tempfile
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -43,7 +43,7 @@ except ModuleNotFoundError as error:
         "FMUs need FMPy, which is not installed: pip install 'cranedyn[fmi]'."
     ) from error
 
-_DRIVES: tuple[Literal["velocity", "motion", "effort"], ...] = ("velocity", "motion", "effort")
+_DRIVES = ("velocity", "motion", "effort")
 """Kinds of outputs, in the order in which they are looked for."""
 
 _PROBE = 1e-3
@@ -194,9 +194,7 @@ def _follows_at_once(unit: _Unit, outputs: Sequence[str], values: list[float]) -
     return bool((before != after).any())
 
 
-def _commands(
-    source: str, unit: _Unit, briefing: Briefing
-) -> tuple[list[str], Literal["velocity", "motion", "effort"]]:
+def _commands(source: str, unit: _Unit, briefing: Briefing) -> tuple[list[str], str]:
     """Return the names of the outputs that command the drives, and what they command.
 
     Raises:
