@@ -32,24 +32,15 @@ from cranedyn.export import fmi
 from cranedyn.export.usual_controllers import usual_controller
 from cranedyn.interfaces import Setpoint
 from cranedyn.recording.process import free_port
-from tests.benchmark.toys import InThisProcess, still, towards_goal, toy, toy_instance
-from tests.helpers import ROOT
-
-PAGE = (ROOT / "docs/benchmark.md").read_text(encoding="utf-8")
-
-
-def from_page(language: str, word: str) -> str:
-    """The code of the page in a language that has a word."""
-    blocks = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    (found,) = [block for block in blocks if word in block]
-    return str(found)
-
-
-def page_controller() -> Any:
-    """The controller in Python of the page."""
-    names: dict[str, Any] = {}
-    exec(from_page("python", "def controller"), names)
-    return names["controller"]
+from tests.benchmark.toys import (
+    InThisProcess,
+    from_page,
+    page_controller,
+    still,
+    towards_goal,
+    toy,
+    toy_instance,
+)
 
 
 def run_here(opened: object, kind: str, **values: float) -> InstanceResult:
