@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 import pinocchio as pin
 
+from cranedyn.benchmark.entries.targets import Target, Targets
 from cranedyn.benchmark.entry import Briefing, Declined, Entry
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import MOVES
@@ -47,9 +48,6 @@ EFFORT_FACTOR = 3.0
 saturate, whose lag and jerk are long beside its swing; with 10 and more a swing decays slowly. Our
 choice, on the crane inteco."""
 
-MPC_POINTS = 20
-"""Points of the horizon of `cranedyn.benchmark.papers.CraneMpc`."""
-
 MPC_EVERY = 2
 """Control periods from one optimisation of `kaepernick_mpc` to the next. Our choice: it takes some
 milliseconds for each axis."""
@@ -63,19 +61,18 @@ class _Operator:
     """Where the operator has sent the drives so far: a reference that is fed readings."""
 
     def __init__(self, briefing: Briefing) -> None:
-        drives = briefing.crane.layout.drives
-        self._period = briefing.period
-        self._position = briefing.start.q[drives].copy()
-        self._rate = np.zeros(len(drives))
+        start = briefing.start.q[briefing.crane.layout.drives]
+        self._targets = Targets(briefing)
+        self._target = Target(start, np.zeros_like(start))
 
     def hear(self, reading: SensorReading) -> None:
         """Take what the operator asks for now."""
-        self._position = self._position + self._period * self._rate
-        self._rate = reading.operator
+        self._target = self._targets(reading)
 
     def __call__(self, t: float) -> Setpoint:
         """Return the setpoint now, at whatever time it is asked for."""
-        return Setpoint(self._position, self._rate, np.zeros_like(self._rate))
+        position, rate = self._target
+        return Setpoint(position, rate, np.zeros_like(rate))
 
 
 def _with_operator(briefing: Briefing, make: Callable[[Reference], tuple[Any, str]]) -> Entry:
@@ -369,45 +366,59 @@ def kaepernick_mpc(briefing: Briefing) -> Entry:
     """Predictive control of Käpernick and Graichen (2013), a problem for each axis; bridge cranes
     only, no paths and operators.
     """
-    from cranedyn.benchmark.papers import GRAMPC_ROPE, GRAMPC_SWING_RATE, CraneMpc
+    from cranedyn.benchmark.papers import (
+        GRAMPC_POINTS,
+        GRAMPC_ROPE,
+        GRAMPC_SWING_RATE,
+        CraneMpc,
+    )
 
     _check_bridge_crane(briefing)
-    if briefing.kind not in (*MOVES, "wind"):
+    if briefing.goal is None:
         raise Declined("It goes to a goal that stays.")
-    assert briefing.goal is not None
     converters = briefing.converters
     drives = briefing.crane.layout.drives
     goal = briefing.goal.q[drives]
     ropes = (briefing.start.q[drives[2]], goal[2])
     # The rope of the example is 2 m long; times grow with the square root of lengths.
     scale = max(ropes) / GRAMPC_ROPE
-    bridge_a, trolley_a, hoist_a = PLANNED_SHARE * converters.accelerations
-    common = {
-        "swing_rate": GRAMPC_SWING_RATE / math.sqrt(scale),
-        "scale": scale,
-        "gravity": briefing.crane.gravity,
-    }
-    bridge = CraneMpc(accelerations=[bridge_a, hoist_a], hoists=False, **common)
-    trolley = CraneMpc(accelerations=[trolley_a, hoist_a], **common)
-    points = trolley.step * np.arange(MPC_POINTS)
+    swing_rate = GRAMPC_SWING_RATE / math.sqrt(scale)
+    bridge_limit, trolley_limit, hoist_limit = PLANNED_SHARE * converters.accelerations
+
+    def control(trolley_limit: float, *, hoists: bool) -> CraneMpc:
+        return CraneMpc(
+            accelerations=[trolley_limit, hoist_limit],
+            swing_rate=swing_rate,
+            scale=scale,
+            gravity=briefing.crane.gravity,
+            hoists=hoists,
+        )
+
+    bridge = control(bridge_limit, hoists=False)
+    trolley = control(trolley_limit, hoists=True)
+    points = trolley.step * np.arange(GRAMPC_POINTS)
     # The rates of a plan are commanded so much earlier as the drives are late.
     lead = briefing.period + converters.delay + converters.lags
-    plans = np.zeros((MPC_POINTS, 3))
+    plans = np.zeros((GRAMPC_POINTS, 3))
     begun = -math.inf
 
     def rates(reading: SensorReading) -> np.ndarray:
         nonlocal plans, begun
         if reading.t - begun > (MPC_EVERY - 0.5) * briefing.period:
             begun = reading.t
-            x, rope = reading.position[1:]
-            x_rate, rope_rate = reading.rate[1:]
+            bridge_x, x, rope = reading.position
+            bridge_rate, x_rate, rope_rate = reading.rate
             phi, theta = reading.swing
             phi_rate, theta_rate = reading.swing_rate
-            state = np.array([x, x_rate, rope, rope_rate, phi, phi_rate])
-            along, _ = trolley.plan(state, np.array([goal[1], 0.0, goal[2], 0.0, 0.0, 0.0]))
-            state = np.array([reading.position[0], reading.rate[0], rope, 0.0, theta, theta_rate])
-            across, _ = bridge.plan(state, np.array([goal[0], 0.0, rope, 0.0, 0.0, 0.0]))
-            plans = np.column_stack([across[:, 1], along[:, 1], along[:, 3]])
+            trolley_plan, _ = trolley.plan(
+                np.array([x, x_rate, rope, rope_rate, phi, phi_rate]),
+                np.array([goal[1], 0.0, goal[2], 0.0, 0.0, 0.0]),
+            )
+            bridge_plan, _ = bridge.plan(
+                np.array([bridge_x, bridge_rate, rope, 0.0, theta, theta_rate]),
+                np.array([goal[0], 0.0, rope, 0.0, 0.0, 0.0]),
+            )
+            plans = np.column_stack([bridge_plan[:, 1], trolley_plan[:, 1], trolley_plan[:, 3]])
         ahead = reading.t - begun + lead
         planned = [np.interp(t, points, plan) for t, plan in zip(ahead, plans.T, strict=True)]
         return np.clip(planned, -converters.rates, converters.rates)
@@ -503,9 +514,8 @@ def _trained(briefing: Briefing, name: str) -> Entry:
     trained_on = policy.task.partition("/")[0]
     if briefing.task.partition("/")[0] != trained_on:
         raise Declined(f"It was trained on the crane {trained_on}.")
-    if briefing.kind not in (*MOVES, "wind"):
+    if briefing.goal is None:
         raise Declined("It was trained to go to a goal that stays.")
-    assert briefing.goal is not None
     goal = briefing.goal.q[briefing.crane.layout.drives]
     command = np.zeros(len(goal))
     next_action = 0.0

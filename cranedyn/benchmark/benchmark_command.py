@@ -13,8 +13,7 @@ from cranedyn.benchmark.score import score_table, scores, totals
 from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, select_tasks
 from cranedyn.checks import number, whole
 from cranedyn.command import FAILED, Parser, command_line, next_lines
-from cranedyn.data.files import check_writable, write_text
-from cranedyn.errors import DataError
+from cranedyn.data.files import check_writable
 from cranedyn.progress import bar
 
 
@@ -284,14 +283,12 @@ def _header(options: argparse.Namespace) -> int:
     """Write the header; no file is overwritten.
 
     Raises:
-        DataError: If the file exists.
+        DataError: If the file exists or cannot be written.
     """
     from cranedyn.benchmark.entries.c_library import HEADER
+    from cranedyn.lifts.planning.file_templates import write_new_file
 
-    if options.file.exists():
-        raise DataError(f"{options.file} exists; name another file, or remove it.")
-    check_writable(options.file)
-    write_text(options.file, HEADER.read_text(encoding="utf-8"))
+    write_new_file(options.file, HEADER.read_text(encoding="utf-8"))
     print(f"Written to {options.file}.")
     print(
         next_lines("cc -O2 -fPIC -shared mine.c -o mine.so -lm", "cranedyn benchmark run mine.so")

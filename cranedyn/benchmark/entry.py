@@ -65,7 +65,7 @@ class Briefing:
         duration: Length of the instance [s].
         start: State at the start, at rest.
         goal: State at the goal, at rest with the load plumb; the start in a task in wind, and None
-            under an operator.
+            on a path and under an operator.
         path: Motion of the drives below which the load shall hang plumb, a function of time [s];
             None for a task without a path.
         tolerance: Distance of the load from its goal up to which it counts as settled [m].

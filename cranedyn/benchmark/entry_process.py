@@ -11,7 +11,6 @@ stopping the others; they are no jail for a hostile one, which may read files an
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import os
@@ -30,10 +29,10 @@ from typing import Any, BinaryIO
 import numpy as np
 
 from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
-from cranedyn.benchmark.entry_files import EntryFiles
+from cranedyn.benchmark.entry_files import EntryFiles, add_digests
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.entry_source import EntrySource
-from cranedyn.benchmark.sensors import SensorReading
+from cranedyn.benchmark.sensors import SensorReading, consecutive_slices
 from cranedyn.benchmark.task import CraneTask, read_tasks
 from cranedyn.data.files import parse_json
 from cranedyn.errors import CraneError, format_error
@@ -194,9 +193,7 @@ class EntryProcess:
         if not isinstance(files, dict) or not all(isinstance(sha, str) for sha in files.values()):
             # What answers runs code of the entry.
             raise EntryFailed("Its process answered with what is no list of files.")
-        for name, sha in files.items():
-            if self.files.setdefault(name, sha) != sha:
-                self.changed.add(name)
+        self.changed |= add_digests(self.files, files)
 
     def _stop_timer(self) -> None:
         """Stop the clock of an instance."""
@@ -389,8 +386,8 @@ class _Side:
         m = briefing.crane.layout.m
         s = len(briefing.crane.swings)
         self._drives = m
-        ends = np.cumsum([1, m, m, s, s, m]).tolist()
-        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
+        # The time comes first.
+        self._places = consecutive_slices([m, m, s, s, m], begin=1)
         assert self._opened is not None
         self._entry = self._opened(briefing)
 

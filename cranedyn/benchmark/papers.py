@@ -150,11 +150,12 @@ class CraneMpc:
                 second = rates(states[:, k] + step * first, inputs[:, k + 1])
                 equations.append(states[:, k + 1] - states[:, k] - 0.5 * step * (first + second))
             if obstacle is not None and k > 0:
-                below, angle = states[2, k], states[4, k]
+                rope = states[2, k]
+                angle = states[4, k]
                 # The angle of the example has the other sign.
-                place = states[0, k] - casadi.sin(angle) * below
+                place = states[0, k] - casadi.sin(angle) * rope
                 a, b = obstacle
-                heights.append(casadi.cos(angle) * below - a * place**2 - b)
+                heights.append(casadi.cos(angle) * rope - a * place**2 - b)
         variables = casadi.vertcat(casadi.vec(states), casadi.vec(inputs))
         constraints = casadi.vertcat(*equations, *heights)
         self._lower = np.full(variables.shape[0], -np.inf)
@@ -261,7 +262,7 @@ def grampc_run(duration: float = 10.0) -> MpcRun:
     rows = [state]
     for _ in times[1:]:
         _, inputs = control.plan(state, goal)
-        state = _moved(state, inputs[0], inputs[1], control.step)
+        state = integrated(_grampc_rates, state, inputs[0], inputs[1], control.step)
         rows.append(state)
     return MpcRun(times, np.array(rows))
 
@@ -270,21 +271,42 @@ _SUBSTEPS = 20
 """Steps of RK4 between two points: of 5 ms each, whose error is of the order of 1e-10."""
 
 
-def _moved(state: np.ndarray, before: np.ndarray, after: np.ndarray, period: float) -> np.ndarray:
-    """Return the state after a period in which the accelerations go from one value to another."""
+def _grampc_rates(x: np.ndarray, u: np.ndarray) -> np.ndarray:
+    """Return the rates of the state of `CraneMpc`, with the gravity of the example."""
+    angle = u[0] * math.cos(x[4]) - GRAMPC_GRAVITY * math.sin(x[4]) - 2.0 * x[3] * x[5]
+    return np.array([x[1], u[0], x[3], u[1], x[5], angle / x[2]])
 
-    def rates(x: np.ndarray, share: float) -> np.ndarray:
-        u = before + share * (after - before)
-        angle = u[0] * math.cos(x[4]) - GRAMPC_GRAVITY * math.sin(x[4]) - 2.0 * x[3] * x[5]
-        return np.array([x[1], u[0], x[3], u[1], x[5], angle / x[2]])
 
-    step = period / _SUBSTEPS
-    for i in range(_SUBSTEPS):
-        begin, middle, end = ((i + part) / _SUBSTEPS for part in (0.0, 0.5, 1.0))
-        first = rates(state, begin)
+def integrated(
+    rates: Callable[[np.ndarray, np.ndarray], np.ndarray],
+    state: np.ndarray,
+    before: np.ndarray,
+    after: np.ndarray,
+    period: float,
+    substeps: int = _SUBSTEPS,
+) -> np.ndarray:
+    """Return the state after a period in which inputs go from one value to another on straight
+    lines, by RK4.
+
+    Args:
+        rates: From state and inputs to the rates of the state.
+        state: The state at the beginning.
+        before: Inputs at the beginning.
+        after: Inputs at the end.
+        period: The period [s].
+        substeps: Number of steps.
+    """
+
+    def inputs(share: float) -> np.ndarray:
+        return before + share * (after - before)
+
+    step = period / substeps
+    for i in range(substeps):
+        middle = inputs((i + 0.5) / substeps)
+        first = rates(state, inputs(i / substeps))
         second = rates(state + 0.5 * step * first, middle)
         third = rates(state + 0.5 * step * second, middle)
-        fourth = rates(state + step * third, end)
+        fourth = rates(state + step * third, inputs((i + 1.0) / substeps))
         state = state + step / 6.0 * (first + 2.0 * second + 2.0 * third + fourth)
     return state
 
@@ -368,8 +390,10 @@ def minimum_swing(crane: ContainerCrane, intervals: int = 90) -> LeastSwing:
 
     cost = 0.0
     for k in range(intervals):
-        before, after = x[:, k], x[:, k + 1]
-        first, last = rates(before, u[:, k]), rates(after, u[:, k + 1])
+        before = x[:, k]
+        after = x[:, k + 1]
+        first = rates(before, u[:, k])
+        last = rates(after, u[:, k + 1])
         middle = 0.5 * (before + after) + step / 8.0 * (first - last)
         between = 0.5 * (u[:, k] + u[:, k + 1])
         slope = first + 4.0 * rates(middle, between) + last

@@ -19,7 +19,7 @@ from multiprocessing.util import Finalize
 from pathlib import Path
 from typing import Any
 
-from cranedyn.benchmark.entry_files import changed_files
+from cranedyn.benchmark.entry_files import add_digests, changed_files
 from cranedyn.benchmark.entry_kinds import kind_of
 from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import EntrySource, find_entry
@@ -190,10 +190,7 @@ def _add_files(files: dict[str, str], evaluations: Sequence[TaskEvaluation]) -> 
     """
     changed = set[str]()
     for evaluation in evaluations:
-        changed |= evaluation.changed
-        for name, sha in evaluation.files.items():
-            if files.setdefault(name, sha) != sha:
-                changed.add(name)
+        changed |= evaluation.changed | add_digests(files, evaluation.files)
     if changed:
         raise CraneError(
             f"{', '.join(sorted(changed))} of the entry changed while it ran; run it again."
@@ -376,7 +373,7 @@ def verify_result(
     claimed = {(instance.task, instance.index): instance for instance in result.instances}
     differences = _missing_instances(result, [known[name] for name in result.tasks])
     # Files beside the entry that were not there, or not needed, when the result was made.
-    main, *_ = source.files or [""]
+    main = "" if source.file is None else source.file.name
     for name in sorted(again.files.keys() - result.files.keys() - {main}):
         differences.append(f"The entry uses {name} here, which the result does not name.")
     largest = 0.0

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 import itertools
 from collections import deque
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -75,9 +75,8 @@ class SensorChain:
         self._noise_rows: Iterator[np.ndarray] = iter(())
         m = len(drives)
         s = len(crane.swings)
-        ends = [0, *np.cumsum([m, m, s, s]).tolist()]
         # Where position, rate, swing and swing rate stand among the measured numbers.
-        self._places = [slice(*pair) for pair in itertools.pairwise(ends)]
+        self._places = consecutive_slices([m, m, s, s])
         # The drum does not know of a rope that is longer than assumed.
         self._zero = -instance.drive_offset(crane)
         self._bias = values["swing_bias"]
@@ -134,6 +133,17 @@ class SensorChain:
             self._noise_rows = iter(self._noise * self._rng.standard_normal(shape))
             row = next(self._noise_rows)
         return row
+
+
+def consecutive_slices(sizes: Sequence[int], begin: int = 0) -> list[slice]:
+    """Return where parts of an array stand that follow one another.
+
+    Args:
+        sizes: Sizes of the parts.
+        begin: Index at which the first one begins.
+    """
+    ends = np.cumsum([begin, *sizes]).tolist()
+    return [slice(first, end) for first, end in itertools.pairwise(ends)]
 
 
 def _rounded(values: np.ndarray, resolution: float) -> np.ndarray:

@@ -30,17 +30,17 @@ PERIODS = {"inteco/move": 0.04, "overhead/move": 0.1}
 """Time from one action to the next by task [s]: the delays of drives and sensors together are at
 most one of them, so that the policy meets in training the delay that it meets in the benchmark."""
 
-REACH_TIME = 1.5
+REACH_FACTOR = 1.5
 """Farthest goals in training over the distances of the task."""
 
 SWING_SHARE = 0.85
 """Swing that ends an episode in training, as a share of the bound of the task."""
 
-COSTS_ABOVE = 0.2
+REWARD_RESOLUTION = 0.2
 """Distance below which coming closer is hardly rewarded, over the tolerance of the task."""
 
-DISCOUNT_TIME = 6.0
-"""Time in which rewards to come count less by the factor e, as a share of the swing period."""
+DISCOUNT_ANGLE = 6.0
+"""Phase of the swing in which rewards to come count less by the factor e [rad]: about a period."""
 
 
 class Clock(BaseCallback):
@@ -76,7 +76,7 @@ def cranes(task: CraneTask, count: int) -> CraneVectorEnv:
         control_period=period,
         dt=0.01,
         converters=task.converters(),
-        reach=(REACH_TIME * travel).tolist(),
+        reach=(REACH_FACTOR * travel).tolist(),
         swing=0.4 * task.swing_bound,
         swing_limit=SWING_SHARE * task.swing_bound,
         tolerance=task.tolerance,
@@ -102,7 +102,7 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
     (task,) = select_tasks([options.task])
     period = PERIODS[task.name]
     drives = task.crane().layout.m
-    scale = COSTS_ABOVE * task.tolerance
+    scale = REWARD_RESOLUTION * task.tolerance
 
     def shaped(reward: np.ndarray) -> np.ndarray:
         """Return rewards whose last decade ends at a share of the tolerance instead of at 1 cm."""
@@ -114,7 +114,7 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
     env = vec_env(many, features=lambda seen: network_inputs(seen, drives), shaping=shaped)
     env.seed(options.seed)
     frequency = np.sqrt(9.81 / task.start_state().q[task.crane().layout.drives[-1]])
-    discount = float(np.exp(-period / (DISCOUNT_TIME / frequency)))
+    discount = float(np.exp(-period / (DISCOUNT_ANGLE / frequency)))
     model = _learner(options.algorithm, env, discount, options.seed)
     # A shell starts programs in the background without this.
     signal.signal(signal.SIGINT, signal.default_int_handler)

@@ -31,24 +31,16 @@ from cranedyn.errors import CraneError, DataError
 from cranedyn.export import fmi
 from cranedyn.export.usual_controllers import usual_controller
 from cranedyn.interfaces import Setpoint
-from tests.benchmark.toys import InThisProcess, still, towards_goal, toy, toy_instance
-from tests.helpers import ROOT
-
-PAGE = (ROOT / "docs/benchmark.md").read_text(encoding="utf-8")
-
-
-def from_page(language: str, word: str) -> str:
-    """The code of the page in a language that has a word."""
-    blocks = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    (found,) = [block for block in blocks if word in block]
-    return str(found)
-
-
-def page_controller() -> Any:
-    """The controller in Python of the page."""
-    names: dict[str, Any] = {}
-    exec(from_page("python", "def controller"), names)
-    return names["controller"]
+from cranedyn.recording.process import free_port
+from tests.benchmark.toys import (
+    InThisProcess,
+    from_page,
+    page_controller,
+    still,
+    towards_goal,
+    toy,
+    toy_instance,
+)
 
 
 def run_here(opened: object, kind: str, **values: float) -> InstanceResult:
@@ -418,20 +410,17 @@ def test_a_program_that_ends_or_declines_does_so_in_its_instance(client: Path) -
 
 @pytest.mark.slow
 def test_a_program_that_the_user_starts_is_waited_for(client: Path) -> None:
-    from cranedyn.benchmark.entries.opcua import _free_port
-
-    url = f"opc.tcp://127.0.0.1:{_free_port()}"
+    url = f"opc.tcp://127.0.0.1:{free_port()}"
     source = find_entry(url)
     assert (source.file, source.files, source.max_jobs) == (None, {}, 1)
-    process = EntryProcess(source, EntryLimits())
-    process.open()
-    program = subprocess.Popen([sys.executable, str(client), url])
-    try:
-        found = run_instance(toy_instance("move"), process)
-    finally:
-        program.kill()
-        program.wait()
-        process.close()
+    with process_of(url) as process:
+        process.open()
+        program = subprocess.Popen([sys.executable, str(client), url])
+        try:
+            found = run_instance(toy_instance("move"), process)
+        finally:
+            program.kill()
+            program.wait()
     assert found.metrics == run_here(page_controller(), "move").metrics
     for wrong in ("opc.tcp://0.0.0.0:4840", "opc.tcp://127.0.0.1", "opc.tcp://127.0.0.1:99999"):
         with pytest.raises(DataError, match="the benchmark listens there, on this machine only"):
@@ -525,15 +514,11 @@ def test_one_process_serves_all_tasks_of_an_entry(helpers: Path) -> None:
 
 @pytest.mark.slow
 def test_a_file_that_changes_while_an_entry_runs_is_found(helpers: Path) -> None:
-    source = find_entry(f"{helpers}:towards")
-    process = EntryProcess(source, EntryLimits())
-    try:
+    with process_of(f"{helpers}:towards") as process:
         run_instance(toy_instance("move"), process)
         table = helpers.with_name("data") / "shares.csv"
         table.write_text("1.0\n1.0\n0.50\n", encoding="utf-8")
         run_instance(toy_instance("move"), process)
-    finally:
-        process.close()
     assert process.changed == {"data/shares.csv"}
 
 

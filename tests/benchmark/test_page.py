@@ -2,23 +2,14 @@
 
 from __future__ import annotations
 
-import re
-from typing import Any
-
 from cranedyn.benchmark.baselines import NAMES
 from cranedyn.benchmark.evaluate import run_instance
 from cranedyn.benchmark.task import KINDS, all_tasks
-from tests.benchmark.toys import InThisProcess, toy_instance
-from tests.helpers import ROOT
-
-PAGE = (ROOT / "docs/benchmark.md").read_text(encoding="utf-8")
+from tests.benchmark.toys import PAGE, InThisProcess, page_controller, toy_instance
 
 
 def test_the_controller_of_the_page_passes_and_damps_the_swing() -> None:
-    script, *_ = re.findall(r"^```python\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
-    names: dict[str, Any] = {}
-    exec(script, names)
-    process = InThisProcess(names["controller"])
+    process = InThisProcess(page_controller())
     for kind in ("move", "path", "wind", "operator"):
         result = run_instance(toy_instance(kind), process)  # type: ignore[arg-type]
         # Three seconds are too short for the load to settle behind a path or an operator.

@@ -26,11 +26,11 @@ from tests.benchmark.toys import TOY, toy
 DATES = ("public", "2026-11-28", "2026-11-29")
 
 
-def changed(folder: Path, before: str, after: str) -> Path:
-    """The file of the short tasks with one text replaced."""
-    text = TOY.read_text(encoding="utf-8")
+def changed(folder: Path, before: str, after: str, original: Path = TOY) -> Path:
+    """A file of tasks, by default that of the short ones, with one text replaced."""
+    text = original.read_text(encoding="utf-8")
     assert before in text
-    file = folder / "toy.toml"
+    file = folder / original.name
     file.write_text(text.replace(before, after, 1), encoding="utf-8")
     return file
 
@@ -173,12 +173,8 @@ def test_a_crane_on_land_keeps_its_instances_though_there_is_a_sea_now() -> None
 def test_a_sea_that_is_wrong_is_refused(
     before: str, after: str, sentence: str, tmp_path: Path
 ) -> None:
-    text = (FOLDER / "ship.toml").read_text(encoding="utf-8")
-    assert before in text
-    file = tmp_path / "ship.toml"
-    file.write_text(text.replace(before, after, 1), encoding="utf-8")
     with pytest.raises(DataError) as error:
-        read_tasks(file)
+        read_tasks(changed(tmp_path, before, after, FOLDER / "ship.toml"))
     assert sentence in str(error.value)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,8 +15,11 @@ from cranedyn.benchmark.entry_source import EntrySource
 from cranedyn.benchmark.evaluate import InstanceResult
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import CraneTask, Instance, instances, read_tasks
+from tests.helpers import ROOT
 
 TOY = Path(__file__).with_name("toy.toml")
+
+PAGE = (ROOT / "docs/benchmark.md").read_text(encoding="utf-8")
 
 
 def toy(kind: str) -> CraneTask:
@@ -47,6 +51,20 @@ def towards_goal(briefing: Briefing) -> Entry:
 def still(briefing: Briefing) -> Entry:
     """Drives that stand still."""
     return lambda reading: np.zeros_like(reading.position)
+
+
+def from_page(language: str, word: str) -> str:
+    """The code of the page in a language that has a word."""
+    blocks = re.findall(rf"^```{language}\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+    (found,) = [block for block in blocks if word in block]
+    return str(found)
+
+
+def page_controller() -> Any:
+    """The controller in Python of the page."""
+    names: dict[str, Any] = {}
+    exec(from_page("python", "def controller"), names)
+    return names["controller"]
 
 
 class InThisProcess:

@@ -23,7 +23,7 @@ import tempfile
 import weakref
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -31,7 +31,7 @@ from cranedyn.benchmark.entries.targets import Target, Targets
 from cranedyn.benchmark.entry import Briefing, Declined, Entry, Opened
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.errors import CraneError, DataError, format_error, quoted
-from cranedyn.interfaces import Reference, Setpoint, State
+from cranedyn.interfaces import Setpoint, State
 from cranedyn.model.signals import input_names, state_names
 
 try:
@@ -43,7 +43,7 @@ except ModuleNotFoundError as error:
         "FMUs need FMPy, which is not installed: pip install 'cranedyn[fmi]'."
     ) from error
 
-_DRIVES: tuple[Literal["velocity", "motion", "effort"], ...] = ("velocity", "motion", "effort")
+_DRIVES = ("velocity", "motion", "effort")
 """Kinds of outputs, in the order in which they are looked for."""
 
 _PROBE = 1e-3
@@ -67,9 +67,9 @@ def open_source(source: str) -> Opened:
         raise DataError(f"{source} is not for co-simulation; export it as one.")
 
     def make(briefing: Briefing) -> Entry:
+        # The folder is removed with this function.
         return _unit_entry(source, description, folder.name, briefing)
 
-    make.folder = folder  # type: ignore[attr-defined]  # removed with it
     return make
 
 
@@ -155,7 +155,8 @@ def _unit_entry(source: str, description: Any, folder: str, briefing: Briefing) 
     outputs, drive = _commands(source, unit, briefing)
     signals = _Signals(source, unit.inputs, briefing)
     start = briefing.start
-    at_rest = Setpoint(start.q[briefing.crane.layout.drives], *2 * [np.zeros(len(outputs))])
+    zero = np.zeros(len(outputs))
+    at_rest = Setpoint(start.q[briefing.crane.layout.drives], zero, zero)
     unit.enter_initialization()
     follows = _follows_at_once(unit, outputs, signals.values(0.0, start, at_rest))
     unit.exit_initialization()
@@ -170,7 +171,7 @@ def _unit_entry(source: str, description: Any, folder: str, briefing: Briefing) 
         unit.step(briefing.period)
         return unit.get(outputs)
 
-    rates = briefing.entry(command, signals.reference, drive)
+    rates = briefing.entry(command, signals.setpoint, drive)
 
     def entry(reading: SensorReading) -> np.ndarray:
         signals.take(reading)
@@ -193,9 +194,7 @@ def _follows_at_once(unit: _Unit, outputs: Sequence[str], values: list[float]) -
     return bool((before != after).any())
 
 
-def _commands(
-    source: str, unit: _Unit, briefing: Briefing
-) -> tuple[list[str], Literal["velocity", "motion", "effort"]]:
+def _commands(source: str, unit: _Unit, briefing: Briefing) -> tuple[list[str], str]:
     """Return the names of the outputs that command the drives, and what they command.
 
     Raises:
@@ -250,12 +249,8 @@ class _Signals:
         if briefing.kind != "operator":
             self._motion = briefing.motion
 
-    @property
-    def reference(self) -> Reference:
-        """The motion of the setpoint; under an operator where the drives were sent."""
-        return self._setpoint
-
-    def _setpoint(self, t: float) -> Setpoint:
+    def setpoint(self, t: float) -> Setpoint:
+        """Return the smooth motion at a time; under an operator where the drives were sent."""
         if self._motion is not None:
             return self._motion(t)
         return Setpoint(self._target.position, self._target.rate, np.zeros_like(self._operator))

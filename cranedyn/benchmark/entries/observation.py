@@ -54,7 +54,7 @@ class Observer:
         rules = Rules(
             converters=briefing.converters,
             swing=0.0,
-            swing_limit=min(briefing.swing_bound, _MAX_SWING_LIMIT),
+            swing_limit=_swing_limit(briefing),
         )
         try:
             self._task = SwingTask(briefing.crane, 1, rules, briefing.period, DT, threads=1)
@@ -97,6 +97,11 @@ class Observer:
             raise CraneError(f"The policy returned {values.tolist()}; needed are finite numbers.")
         shares = np.clip(values, -1.0, 1.0)[:, None]
         return self._task.commands(shares, self._state, self._kinds)[:, 0]
+
+
+def _swing_limit(briefing: Briefing) -> float:
+    """Return the swing that is observed as 1, in training and in the benchmark alike [rad]."""
+    return min(briefing.swing_bound, _MAX_SWING_LIMIT)
 
 
 def check_sizes(source: str, observer: Observer, inputs: int, outputs: int | None = None) -> None:
@@ -142,6 +147,6 @@ def training_environment(task: str, *, swing: float = 0.0) -> CraneEnv:
         control_period=briefing.period,
         converters=briefing.converters,
         swing=swing,
-        swing_limit=min(briefing.swing_bound, _MAX_SWING_LIMIT),
+        swing_limit=_swing_limit(briefing),
         tolerance=briefing.tolerance,
     )

@@ -23,11 +23,10 @@ import atexit
 import json
 import logging
 import resource
-import socket
 import subprocess
 import sys
 import threading
-from collections.abc import Coroutine
+from collections.abc import Callable, Coroutine
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -36,12 +35,13 @@ from urllib.parse import urlsplit
 import numpy as np
 
 from cranedyn.benchmark.entries.plain_briefing import plain_briefing
-from cranedyn.benchmark.entries.targets import Targets
+from cranedyn.benchmark.entries.targets import Target, Targets
 from cranedyn.benchmark.entry import Briefing, Declined, Entry, Opened
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.errors import CraneError, format_error
 from cranedyn.interop.commissioning.opcua import listen, new_server
 from cranedyn.interop.commissioning.words import NAMESPACE
+from cranedyn.recording.process import free_port
 from cranedyn.sweep.workers import kill_with_parent
 
 try:
@@ -57,7 +57,7 @@ HOST = "127.0.0.1"
 NODES: dict[str, tuple[str, str]] = {
     "Briefing": (
         "String",
-        "what is told of it, in JSON with the names of crane_briefing",
+        "what is told of an instance, in JSON with the names of crane_briefing",
     ),
     "Instance": ("Int64", "number of the instance, written after its briefing"),
     "Time": ("Double", "time since the start [s]"),
@@ -103,36 +103,18 @@ def open_source(source: str) -> Opened:
     scheme, _, name = source.partition(":")
     if scheme == "opcua":
         program = Path(name).resolve()
-        port = _free_port()
+        port = free_port()
     else:
         port = urlsplit(source).port or 0
-    conversation = _Conversation(port)
-    running: list[subprocess.Popen[bytes]] = []
-
-    def end_program() -> None:
-        while running:
-            previous = running.pop()
-            previous.kill()
-            previous.wait()
-
+    conversation = _Conversation(port, program)
     # Before the server ends, about which the program would complain.
-    atexit.register(end_program)
+    atexit.register(conversation.end_program)
 
     def make(briefing: Briefing) -> Entry:
-        end_program()
-        if program is not None:
-            running.append(_started(program, conversation.url))
-        conversation.begin(briefing, running)
-        return _ProgramEntry(conversation, Targets(briefing), running)
+        conversation.begin(briefing)
+        return _ProgramEntry(conversation, Targets(briefing))
 
     return make
-
-
-def _free_port() -> int:
-    """Return the number of a port at which nobody listens."""
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
 
 
 def _started(program: Path, url: str) -> subprocess.Popen[bytes]:
@@ -171,35 +153,36 @@ class _ProgramEntry:
 
     is_timed = False
 
-    def __init__(
-        self,
-        conversation: _Conversation,
-        targets: Targets,
-        running: list[subprocess.Popen[bytes]],
-    ) -> None:
+    def __init__(self, conversation: _Conversation, targets: Targets) -> None:
         self._conversation = conversation
         self._targets = targets
-        self._running = running
 
     def __call__(self, reading: SensorReading) -> np.ndarray:
         """Return the rates for a reading."""
-        return self._conversation.command(reading, self._targets(reading), self._running)
+        return self._conversation.command(reading, self._targets(reading))
 
 
 class _Conversation:
-    """The server, in a thread of its own, and what it and the program have written.
+    """The server, in a thread of its own, the program, and what both have written.
 
     Attributes:
         url: Its address.
     """
 
-    def __init__(self, port: int) -> None:
+    def __init__(self, port: int, program: Path | None) -> None:
         """Start the server.
+
+        Args:
+            port: Port at which it listens.
+            program: File of the program that is started for each instance; None for one that the
+                user starts.
 
         Raises:
             CraneError: If it cannot listen.
         """
         self.url = f"opc.tcp://{HOST}:{port}"
+        self._program = program
+        self._running: subprocess.Popen[bytes] | None = None
         self._instance = 0
         self._cycle = 0
         # What the program has written last.
@@ -209,22 +192,30 @@ class _Conversation:
         threading.Thread(target=self._loop.run_forever, daemon=True).start()
         self._await(self._serve(port))
 
-    def begin(self, briefing: Briefing, running: list[subprocess.Popen[bytes]]) -> None:
-        """Tell the program of an instance, and wait until it is ready.
+    def begin(self, briefing: Briefing) -> None:
+        """Start the program, tell it of an instance, and wait until it is ready.
 
         Raises:
             Declined: If it does not take part.
-            CraneError: If it has ended.
+            CraneError: If it cannot be started, or has ended.
         """
+        self.end_program()
+        if self._program is not None:
+            self._running = _started(self._program, self.url)
         self._instance += 1
         self._written["Declined"] = ""
         told = json.dumps(asdict(plain_briefing(briefing)))
         self._await(self._write({"Briefing": told, "Instance": self._instance}))
-        self._wait(lambda: self._written["Ready"] == self._instance, running)
+        self._wait(lambda: self._written["Ready"] == self._instance)
 
-    def command(
-        self, reading: SensorReading, target: Any, running: list[subprocess.Popen[bytes]]
-    ) -> np.ndarray:
+    def end_program(self) -> None:
+        """End the program of the instance before, if one was started."""
+        if self._running is not None:
+            self._running.kill()
+            self._running.wait()
+            self._running = None
+
+    def command(self, reading: SensorReading, target: Target) -> np.ndarray:
         """Return the command of the program for a reading.
 
         Raises:
@@ -237,10 +228,10 @@ class _Conversation:
             values[name] = numbers.tolist()
         values["Cycle"] = self._cycle
         self._await(self._write(values))
-        self._wait(lambda: self._written["Answered"] == self._cycle, running)
+        self._wait(lambda: self._written["Answered"] == self._cycle)
         return np.array(self._written["Command"], dtype=float)
 
-    def _wait(self, is_done: Any, running: list[subprocess.Popen[bytes]]) -> None:
+    def _wait(self, is_done: Callable[[], bool]) -> None:
         """Wait until the program has written what is asked for.
 
         Raises:
@@ -250,8 +241,9 @@ class _Conversation:
         while not is_done():
             if self._written["Declined"]:
                 raise Declined(str(self._written["Declined"]))
-            if running and running[0].poll() is not None:
-                raise CraneError(f"The program ended with the exit code {running[0].returncode}.")
+            if self._running is not None and self._running.poll() is not None:
+                code = self._running.returncode
+                raise CraneError(f"The program ended with the exit code {code}.")
             self._has_written.wait(_LOOK_PERIOD)
             self._has_written.clear()
 

@@ -48,8 +48,7 @@ def plain_briefing(briefing: Briefing) -> PlainBriefing:
     crane = briefing.crane
     drives = crane.layout.drives
     converters = briefing.converters
-    has_goal = briefing.goal is not None and briefing.path is None
-    goal = briefing.goal.q[drives].tolist() if has_goal and briefing.goal is not None else None
+    goal = briefing.goal
     return PlainBriefing(
         task=briefing.task,
         crane=briefing.task.partition("/")[0],
@@ -74,5 +73,5 @@ def plain_briefing(briefing: Briefing) -> PlainBriefing:
         lower=crane.lower[drives].tolist(),
         upper=crane.upper[drives].tolist(),
         start=briefing.start.q[drives].tolist(),
-        goal=goal,
+        goal=None if goal is None else goal.q[drives].tolist(),
     )
