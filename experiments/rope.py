@@ -461,8 +461,8 @@ def _hoisting_claims(hoisted: HoistRuns) -> list[Claim]:
     return [
         Claim(
             f"Hoisted from {HOIST_ENDS[0]:g} to {HOIST_ENDS[1]:g} m, loads swing earlier or later "
-            "than on a running rope by what μ (l₀ - l)/(12 M) of the frequency gives, within 0.02 s, "
-            f"0.3 % of a period ({worst:.3f} s).",
+            "than on a running rope by what μ (l₀ - l)/(12 M) of the frequency gives, within "
+            f"0.02 s, 0.3 % of a period ({worst:.3f} s).",
             worst < 0.02,
         ),
         Claim(
