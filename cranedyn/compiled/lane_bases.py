@@ -20,12 +20,10 @@ from cranedyn.disturbances.base_motion import (
     Harmonics,
     checked_coordinates,
     frames_of,
+    sums_of_sines,
 )
 from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import OutOfRange
-
-_LANES_TOGETHER = 256
-"""Lanes whose sines are summed together, so that their numbers stay in a processor's cache."""
 
 
 class LaneBases:
@@ -124,45 +122,7 @@ class LaneBases:
             else:
                 found[:, i] = motion.at(times[i] + offsets)
         for sines, places in places_of.items():
-            for first in range(0, len(places), _LANES_TOGETHER):
-                some = places[first : first + _LANES_TOGETHER]
-                laws = laws_of[sines][first : first + _LANES_TOGETHER]
-                found[:, some] = _sums_of_sines(laws, times[some], offsets)
+            found[:, places] = sums_of_sines(laws_of[sines], times[places], offsets)
         count = len(motions) * len(offsets)
         position, velocity, acceleration = found.reshape(3, count, len(COORDINATES))
         return checked_coordinates(position, velocity, acceleration, count)
-
-
-def _sums_of_sines(laws: Sequence[Harmonics], times: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Return coordinates, rates and accelerations on sums of as many sines each, shape (3, laws,
-    offsets, 6).
-
-    A sine is the imaginary part of a exp(i (ω t + ε)). From one row to the next it turns by the
-    constant factor exp(i ω δ), which is far cheaper than its sine. The round-off of these products
-    grows with their number: a control period has some dozens.
-
-    Args:
-        laws: The sums.
-        times: Time of each at the first row [s], shape (laws,).
-        offsets: Times of the rows from there on [s], equally spaced, the first 0.
-    """
-    amplitude = np.array([law.amplitude.T for law in laws])
-    # Coordinates that no base moves along cost nothing.
-    moving = np.flatnonzero((amplitude != 0.0).any(axis=(0, 2)))
-    amplitude = amplitude[:, moving]
-    frequency = np.array([law.frequency.T[moving] for law in laws])
-    phase = np.array([law.phase.T[moving] for law in laws])
-    squared = frequency**2
-    angle = frequency * times[:, None, None] + phase
-    real = amplitude * np.cos(angle)
-    imaginary = amplitude * np.sin(angle)
-    spacing = offsets[1] if len(offsets) > 1 else 0.0
-    cosine = np.cos(frequency * spacing)
-    sine = np.sin(frequency * spacing)
-    coordinates = np.zeros((3, len(laws), len(offsets), len(COORDINATES)))
-    for row in range(len(offsets)):
-        coordinates[0][:, row, moving] = imaginary.sum(axis=2)
-        coordinates[1][:, row, moving] = np.einsum("lck,lck->lc", real, frequency)
-        coordinates[2][:, row, moving] = -np.einsum("lck,lck->lc", imaginary, squared)
-        real, imaginary = real * cosine - imaginary * sine, real * sine + imaginary * cosine
-    return coordinates
