@@ -71,6 +71,24 @@ class BaseCoordinates(NamedTuple):
     velocity: np.ndarray
     acceleration: np.ndarray
 
+    def seen_at(self, point: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates of a point of the base, see `BaseMotion.seen_at`.
+
+        Args:
+            point: Place of the point in the frame of the base [m], shape (3,).
+        """
+        frames = frames_of(self)
+        # In the axes of the base: velocity and acceleration of the point beyond the origin's.
+        turning = np.cross(frames.omega, point)
+        accelerating = np.cross(frames.alpha, point) + np.cross(frames.omega, turning)
+        position = self.position.copy()
+        velocity = self.velocity.copy()
+        acceleration = self.acceleration.copy()
+        position[:, :3] += frames.rotation @ point - point
+        velocity[:, :3] += np.einsum("kij,kj->ki", frames.rotation, turning)
+        acceleration[:, :3] += np.einsum("kij,kj->ki", frames.rotation, accelerating)
+        return BaseCoordinates(position, velocity, acceleration)
+
 
 class BaseFrames(NamedTuple):
     """Frame of a base at k times.
@@ -296,18 +314,7 @@ class BaseMotion(ShortRepr):
         lever = finite("place of the crane on the base", point, (3,), unit="m")
 
         def moved(times: np.ndarray) -> BaseCoordinates:
-            coordinates = self.at(times)
-            frames = self.frames(times)
-            # In the axes of the base: velocity and acceleration of the point beyond the origin's.
-            turning = np.cross(frames.omega, lever)
-            accelerating = np.cross(frames.alpha, lever) + np.cross(frames.omega, turning)
-            position = coordinates.position.copy()
-            velocity = coordinates.velocity.copy()
-            acceleration = coordinates.acceleration.copy()
-            position[:, :3] += frames.rotation @ lever - lever
-            velocity[:, :3] += np.einsum("kij,kj->ki", frames.rotation, turning)
-            acceleration[:, :3] += np.einsum("kij,kj->ki", frames.rotation, accelerating)
-            return BaseCoordinates(position, velocity, acceleration)
+            return self.at(times).seen_at(lever)
 
         return BaseMotion(moved, self.first, self.last, f"{self.source}, seen at {lever.tolist()}")
 
