@@ -16,6 +16,7 @@ from cranedyn.clocks import Clocks
 from cranedyn.disturbances.base_motion import (
     COORDINATES,
     BaseCoordinates,
+    BaseFrames,
     BaseMotion,
     Harmonics,
     checked_coordinates,
@@ -48,7 +49,7 @@ class LaneBases:
         self._half_step = clock.dt / SAMPLES_PER_STEP
         self._period = clock.period
         self._gravity = gravity
-        self._motions: list[BaseMotion | None] = [None] * count
+        self._motions = np.full(count, None, dtype=object)
 
     def stand_on(
         self, rows: np.ndarray, motions: Sequence[BaseMotion | None], t: np.ndarray
@@ -79,29 +80,32 @@ class LaneBases:
         """Move the time of some cranes on by a control period."""
         self.t[columns] += self._period
 
-    def root_numbers(self, columns: slice) -> np.ndarray:
-        """Return what some cranes feel in the control period that begins now, see
-        `cranedyn.dynamics.root_motion.RootMotion`, shape (cranes, rows_per_period, 9).
+    def frames(self, columns: slice) -> BaseFrames:
+        """Return the frames of some bases in the control period that begins now, crane by crane,
+        `rows_per_period` of each.
 
         Raises:
             OutOfRange: If a motion is not known then, or a number is not finite.
         """
         offsets = self._half_step * np.arange(self.rows_per_period)
-        coordinates = self._coordinates(columns, offsets)
-        numbers = frames_of(coordinates).root_numbers(self._gravity)
+        return frames_of(self._coordinates(columns, offsets))
+
+    def root_numbers(self, frames: BaseFrames) -> np.ndarray:
+        """Return what the cranes feel on the bases of `frames`, see
+        `cranedyn.dynamics.root_motion.RootMotion`, shape (cranes, rows_per_period, 9).
+        """
+        numbers = frames.root_numbers(self._gravity)
         return numbers.reshape(-1, self.rows_per_period, ROOT_NUMBERS)
 
-    def rotations(self, columns: slice) -> np.ndarray:
-        """Return the attitudes of some bases now, from their axes to those of the world, shape
-        (cranes, 3, 3).
+    def coordinates(self, rows: np.ndarray) -> BaseCoordinates:
+        """Return where some bases are now, with rates and accelerations, shape (k, 6) each.
+
+        Args:
+            rows: Indices of the cranes, shape (k,).
         """
-        return frames_of(self._coordinates(columns, np.zeros(1))).rotation
+        return self._coordinates(rows, np.zeros(1))
 
-    def coordinates(self) -> BaseCoordinates:
-        """Return where all bases are now, with rates and accelerations, shape (n, 6) each."""
-        return self._coordinates(slice(len(self.t)), np.zeros(1))
-
-    def _coordinates(self, columns: slice, offsets: np.ndarray) -> BaseCoordinates:
+    def _coordinates(self, columns: slice | np.ndarray, offsets: np.ndarray) -> BaseCoordinates:
         """Return the coordinates of some bases, a row for each crane and each of some times from
         now on [s], crane by crane, shape (cranes · times, 6) each.
         """
