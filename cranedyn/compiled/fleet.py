@@ -385,20 +385,26 @@ class Fleet:
         state[:, delayed] = waiting[:, m:]
         lanes = slice(self._lanes * first, self._lanes * last)
         if self.bases is not None:
-            self._root[lanes] = self.bases.root_numbers(lanes)
+            frames = self.bases.frames(lanes)
+            self._root[lanes] = self.bases.root_numbers(frames)
             if self._forces_act:
-                self._force_in_base_axes[lanes] = self._turned_forces(self.bases, lanes)
+                now = frames.rotation[:: self.bases.rows_per_period]
+                self._force_in_base_axes[lanes] = self._turned_forces(now, lanes)
         self._step_groups(first, last)
         if self.bases is not None:
             self.bases.advance(lanes)
         self._z[:, first:last] = self._state[first:last, : len(self._z)].transpose(1, 0, 2)
 
-    def _turned_forces(self, bases: LaneBases, lanes: slice) -> np.ndarray:
+    def _turned_forces(self, rotation: np.ndarray, lanes: slice) -> np.ndarray:
         """Return the external forces of some lanes in the axes of their bases [N], shape (lanes, 3
         points). They are held in these axes for a control period.
+
+        Args:
+            rotation: Attitude of the base of each lane, shape (lanes, 3, 3).
+            lanes: The lanes.
         """
         in_world = self._force[lanes].reshape(lanes.stop - lanes.start, -1, 3)
-        turned = np.einsum("kij,kpi->kpj", bases.rotations(lanes), in_world)
+        turned = np.einsum("kij,kpi->kpj", rotation, in_world)
         return turned.reshape(len(turned), -1)
 
     def _put(self, rows: np.ndarray, start: State, kinds: np.ndarray) -> None:

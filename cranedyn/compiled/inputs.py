@@ -204,26 +204,21 @@ def control_tables(
     # Several cranes may share a controller: it begins its run once for each time of a start, here.
     # From here on, a controller that begins at two times counts as two.
     first_times, time_of = np.unique(t_start, return_inverse=True)
-    begun_numbers, begun_of = np.unique(
-        controller_of * len(first_times) + time_of, return_inverse=True
-    )
+    beginnings = _distinct_pairs(controller_of, time_of)
     begun = []
     times_of_begun = []
     original_of_begun = []
-    for begun_number in begun_numbers.tolist():
-        controller_index, time_index = divmod(begun_number, len(first_times))
+    for controller_index, time_index in beginnings.pairs:
         times = first_times[time_index] + since_start
         begun.append(_at_start(controllers[controller_index], times))
         times_of_begun.append(times)
         original_of_begun.append(controller_index)
-    controllers = begun
-    most_states = _most_states(controllers, references[0], times_of_begun[0], sizes)
+    most_states = _most_states(begun, references[0], times_of_begun[0], sizes)
     sizes = replace(sizes, controller_states=most_states)
     used += _COPIES * cranes * most_states
 
     # A pair is a controller with a reference; each pair that occurs has a setpoint table.
-    pair_numbers = begun_of * len(references) + reference_of
-    pairs, pair_of = np.unique(pair_numbers, return_inverse=True)
+    pairs, pair_of = _distinct_pairs(beginnings.of_crane, reference_of)
     used += _NUMBERS_PER_PAIR * len(pairs)
     gains = TableStack()
     setpoints = TableStack()
@@ -233,11 +228,10 @@ def control_tables(
     no_states = np.zeros(0)
     integrates = False
     last_gain_index: dict[int, int] = {}
-    for pair in pairs.tolist():
-        controller_index, reference_index = divmod(pair, len(references))
-        times = times_of_begun[controller_index]
+    for begun_index, reference_index in pairs:
+        times = times_of_begun[begun_index]
         position = tabulated(references[reference_index], times, sizes.m).position
-        form = _pair_form(controllers[controller_index], sizes, times, position)
+        form = _pair_form(begun[begun_index], sizes, times, position)
         integrals.append(form.integral)
         integrates = integrates or bool(form.integral_gain.any())
         states.append(padded_states(form.states, sizes).initial if most_states else no_states)
@@ -246,7 +240,7 @@ def control_tables(
         # The gains of most controllers do not depend on the reference. A gain table that equals the
         # last one of the same controller is stored once; pairs are sorted by controller.
         rows = gain_table(sizes, form)
-        original = original_of_begun[controller_index]
+        original = original_of_begun[begun_index]
         last = last_gain_index.get(original)
         if last is None or not np.array_equal(rows, gains.arrays[last]):
             last_gain_index[original] = gains.add(rows)
@@ -262,7 +256,7 @@ def control_tables(
         integrals=np.array(integrals)[pair_of],
         integrates=integrates,
         states=np.array(states)[pair_of],
-        predictive=_predictive(controllers),
+        predictive=_predictive(begun),
     )
 
 
@@ -399,6 +393,25 @@ def distinct_objects(value: Any, cranes: int) -> tuple[np.ndarray, Any]:
             row_of[id(item)] = len(objects)
             objects.append(item)
     return np.array([row_of[id(item)] for item in value]), objects
+
+
+class _Pairs(NamedTuple):
+    """Distinct pairs of two indices that each crane has.
+
+    Attributes:
+        pairs: The pairs that occur, sorted.
+        of_crane: Index of each crane's pair among them, shape (cranes,).
+    """
+
+    pairs: list[tuple[int, int]]
+    of_crane: np.ndarray
+
+
+def _distinct_pairs(first: np.ndarray, second: np.ndarray) -> _Pairs:
+    """Return the distinct pairs of two indices of each crane, shape (cranes,) each."""
+    base = int(second.max()) + 1
+    numbers, of_crane = np.unique(first * base + second, return_inverse=True)
+    return _Pairs([divmod(number, base) for number in numbers.tolist()], of_crane)
 
 
 def converter_response(
@@ -558,25 +571,21 @@ def root_table(
         if not isinstance(motion, BaseMotion):
             allowed = "a BaseMotion, such as BaseMotion.sines(heave=(1.0, 8.0))"
             raise OutOfRange("base", type(motion).__name__, allowed)
+    if isinstance(cranes, Cranes):
+        # They are of one description, which has one gravity.
+        cranes = [cranes[0]]
+        crane_index = np.zeros_like(crane_index)
+    gravities, gravity_of = np.unique(
+        [crane.model.gravity.linear for crane in cranes], axis=0, return_inverse=True
+    )
     # What a crane feels depends on its base and its gravity: each pair of them has a part.
-    part_of: dict[tuple[int, bytes], int] = {}
-    parts = []
-    distinct = []
-    for i, crane_place in zip(motion_index.tolist(), crane_index.tolist(), strict=True):
-        # `Cranes` are of one description, which has one gravity.
-        crane = cranes[0] if isinstance(cranes, Cranes) else cranes[crane_place]
-        gravity = crane.model.gravity.linear.copy()
-        key = (i, gravity.tobytes())
-        if key not in part_of:
-            part_of[key] = len(part_of)
-            distinct.append((motions[i], gravity))
-        parts.append(part_of[key])
+    pairs, pair_of = _distinct_pairs(motion_index, gravity_of.ravel()[crane_index])
     length = SAMPLES_PER_STEP * clock.periods * clock.steps + 1
-    needed = used + _COPIES * len(distinct) * length * ROOT_NUMBERS
+    needed = used + _COPIES * len(pairs) * length * ROOT_NUMBERS
     check_fits_memory("physics steps on a base", str(length), needed)
     times = t_start + clock.dt / SAMPLES_PER_STEP * np.arange(length)
-    rows = [motion.frames(times).root_numbers(gravity) for motion, gravity in distinct]
-    return RowTable(np.concatenate(rows), length, length * np.array(parts, dtype=np.int64))
+    rows = [motions[i].frames(times).root_numbers(gravities[k]) for i, k in pairs]
+    return RowTable(np.concatenate(rows), length, length * pair_of)
 
 
 def common_gravity(cranes: Sequence[Crane]) -> np.ndarray:

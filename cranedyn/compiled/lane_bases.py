@@ -16,16 +16,15 @@ from cranedyn.clocks import Clocks
 from cranedyn.disturbances.base_motion import (
     COORDINATES,
     BaseCoordinates,
+    BaseFrames,
     BaseMotion,
     Harmonics,
     checked_coordinates,
     frames_of,
+    sums_of_sines,
 )
 from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import OutOfRange
-
-_LANES_TOGETHER = 256
-"""Lanes whose sines are summed together, so that their numbers stay in a processor's cache."""
 
 
 class LaneBases:
@@ -50,7 +49,7 @@ class LaneBases:
         self._half_step = clock.dt / SAMPLES_PER_STEP
         self._period = clock.period
         self._gravity = gravity
-        self._motions: list[BaseMotion | None] = [None] * count
+        self._motions = np.full(count, None, dtype=object)
 
     def stand_on(
         self, rows: np.ndarray, motions: Sequence[BaseMotion | None], t: np.ndarray
@@ -81,29 +80,32 @@ class LaneBases:
         """Move the time of some cranes on by a control period."""
         self.t[columns] += self._period
 
-    def root_numbers(self, columns: slice) -> np.ndarray:
-        """Return what some cranes feel in the control period that begins now, see
-        `cranedyn.dynamics.root_motion.RootMotion`, shape (cranes, rows_per_period, 9).
+    def frames(self, columns: slice) -> BaseFrames:
+        """Return the frames of some bases in the control period that begins now, crane by crane,
+        `rows_per_period` of each.
 
         Raises:
             OutOfRange: If a motion is not known then, or a number is not finite.
         """
         offsets = self._half_step * np.arange(self.rows_per_period)
-        coordinates = self._coordinates(columns, offsets)
-        numbers = frames_of(coordinates).root_numbers(self._gravity)
+        return frames_of(self._coordinates(columns, offsets))
+
+    def root_numbers(self, frames: BaseFrames) -> np.ndarray:
+        """Return what the cranes feel on the bases of `frames`, see
+        `cranedyn.dynamics.root_motion.RootMotion`, shape (cranes, rows_per_period, 9).
+        """
+        numbers = frames.root_numbers(self._gravity)
         return numbers.reshape(-1, self.rows_per_period, ROOT_NUMBERS)
 
-    def rotations(self, columns: slice) -> np.ndarray:
-        """Return the attitudes of some bases now, from their axes to those of the world, shape
-        (cranes, 3, 3).
+    def coordinates(self, rows: np.ndarray) -> BaseCoordinates:
+        """Return where some bases are now, with rates and accelerations, shape (k, 6) each.
+
+        Args:
+            rows: Indices of the cranes, shape (k,).
         """
-        return frames_of(self._coordinates(columns, np.zeros(1))).rotation
+        return self._coordinates(rows, np.zeros(1))
 
-    def coordinates(self) -> BaseCoordinates:
-        """Return where all bases are now, with rates and accelerations, shape (n, 6) each."""
-        return self._coordinates(slice(len(self.t)), np.zeros(1))
-
-    def _coordinates(self, columns: slice, offsets: np.ndarray) -> BaseCoordinates:
+    def _coordinates(self, columns: slice | np.ndarray, offsets: np.ndarray) -> BaseCoordinates:
         """Return the coordinates of some bases, a row for each crane and each of some times from
         now on [s], crane by crane, shape (cranes · times, 6) each.
         """
@@ -124,45 +126,7 @@ class LaneBases:
             else:
                 found[:, i] = motion.at(times[i] + offsets)
         for sines, places in places_of.items():
-            for first in range(0, len(places), _LANES_TOGETHER):
-                some = places[first : first + _LANES_TOGETHER]
-                laws = laws_of[sines][first : first + _LANES_TOGETHER]
-                found[:, some] = _sums_of_sines(laws, times[some], offsets)
+            found[:, places] = sums_of_sines(laws_of[sines], times[places], offsets)
         count = len(motions) * len(offsets)
         position, velocity, acceleration = found.reshape(3, count, len(COORDINATES))
         return checked_coordinates(position, velocity, acceleration, count)
-
-
-def _sums_of_sines(laws: Sequence[Harmonics], times: np.ndarray, offsets: np.ndarray) -> np.ndarray:
-    """Return coordinates, rates and accelerations on sums of as many sines each, shape (3, laws,
-    offsets, 6).
-
-    A sine is the imaginary part of a exp(i (ω t + ε)). From one row to the next it turns by the
-    constant factor exp(i ω δ), which is far cheaper than its sine. The round-off of these products
-    grows with their number: a control period has some dozens.
-
-    Args:
-        laws: The sums.
-        times: Time of each at the first row [s], shape (laws,).
-        offsets: Times of the rows from there on [s], equally spaced, the first 0.
-    """
-    amplitude = np.array([law.amplitude.T for law in laws])
-    # Coordinates that no base moves along cost nothing.
-    moving = np.flatnonzero((amplitude != 0.0).any(axis=(0, 2)))
-    amplitude = amplitude[:, moving]
-    frequency = np.array([law.frequency.T[moving] for law in laws])
-    phase = np.array([law.phase.T[moving] for law in laws])
-    squared = frequency**2
-    angle = frequency * times[:, None, None] + phase
-    real = amplitude * np.cos(angle)
-    imaginary = amplitude * np.sin(angle)
-    spacing = offsets[1] if len(offsets) > 1 else 0.0
-    cosine = np.cos(frequency * spacing)
-    sine = np.sin(frequency * spacing)
-    coordinates = np.zeros((3, len(laws), len(offsets), len(COORDINATES)))
-    for row in range(len(offsets)):
-        coordinates[0][:, row, moving] = imaginary.sum(axis=2)
-        coordinates[1][:, row, moving] = np.einsum("lck,lck->lc", real, frequency)
-        coordinates[2][:, row, moving] = -np.einsum("lck,lck->lc", imaginary, squared)
-        real, imaginary = real * cosine - imaginary * sine, real * sine + imaginary * cosine
-    return coordinates

@@ -10,9 +10,9 @@ lanes, and a lane is what `cranedyn.simulation.stages.simulate_stages` computes 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -55,7 +55,7 @@ class StageBatch:
     t_end: np.ndarray
     changes: tuple[tuple[LoadChange, ...], ...]
     valid: np.ndarray
-    _lanes: tuple[_Lane, ...]
+    _lanes: tuple[tuple[_StageOfLane, ...], ...]
 
     def __repr__(self) -> str:
         """Return how many cranes and stages there are, and where the model ceased to hold."""
@@ -92,7 +92,7 @@ class StageBatch:
         """
         if not 0 <= crane < len(self):
             raise OutOfRange("crane of a batch", crane, f"0 to {len(self) - 1}")
-        pieces = self._lanes[crane].pieces
+        pieces = tuple(stage.trajectory for stage in self._lanes[crane])
         changes = self.changes[crane]
         return StagedRun(join_stages(pieces, changes), pieces, changes)
 
@@ -113,7 +113,8 @@ class _RunOptions:
     integrator: Integrator
 
 
-class _StageOfLane(NamedTuple):
+@dataclass(frozen=True, eq=False)
+class _StageOfLane:
     """A stage of a crane in a batch.
 
     Attributes:
@@ -149,8 +150,9 @@ class _StageOfLane(NamedTuple):
         """Whether the model held until there."""
         return bool(self.batch.valid_until[self.row] > self.last_time)
 
+    @cached_property
     def trajectory(self) -> Trajectory:
-        """Return the rows as the trajectory of a run.
+        """The rows as the trajectory of a run.
 
         The batch has written what the controller and the crane did. Setpoints, the work of drives
         and damping, phases of the rope and validity follow from that, as in the log of a run.
@@ -187,22 +189,6 @@ class _StageOfLane(NamedTuple):
         log.extend_to(self.rows)
         record = run_record(spec, self.stage.controller, self.stage.reference)
         return log.trajectory(run_parameters(spec, "compiled"), record)
-
-
-@dataclass(frozen=True, eq=False)
-class _Lane:
-    """A crane of a batch with its stages.
-
-    Attributes:
-        stages: The stages until their ends.
-    """
-
-    stages: tuple[_StageOfLane, ...]
-
-    @cached_property
-    def pieces(self) -> tuple[Trajectory, ...]:
-        """The trajectory of each stage until its end."""
-        return tuple(stage.trajectory() for stage in self.stages)
 
 
 def simulate_stage_batch(
@@ -260,7 +246,7 @@ def simulate_stage_batch(
                 changes[i].append(change)
                 states[i] = change.state
         for i, longest in enumerate(_stage_of_lanes(of_stage, states, times, options, threads)):
-            ended = longest._replace(rows=_rows_until_end(longest, k, i))
+            ended = replace(longest, rows=_rows_until_end(longest, k, i))
             computed[i].append(ended)
             states[i] = ended.last_state
             times[i] = ended.last_time
@@ -271,7 +257,7 @@ def simulate_stage_batch(
         t_end=t_end,
         changes=tuple(tuple(of_lane) for of_lane in changes),
         valid=valid,
-        _lanes=tuple(_Lane(tuple(of_lane)) for of_lane in computed),
+        _lanes=tuple(tuple(of_lane) for of_lane in computed),
     )
 
 
@@ -377,6 +363,6 @@ def _rows_until_end(of_lane: _StageOfLane, index: int, crane: int) -> int:
     if of_lane.stage.ends_when is None:
         return of_lane.rows
     try:
-        return len(until_end(of_lane.trajectory(), of_lane.stage, index))
+        return len(until_end(of_lane.trajectory, of_lane.stage, index))
     except CraneError as error:
         raise CraneError(f"Crane {crane} of the batch: {format_error(error)}") from error

@@ -21,14 +21,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from cranedyn.checks import ShortRepr, finite, number
-from cranedyn.disturbances.base_motion import BaseMotion
+from cranedyn.disturbances.base_motion import COORDINATES, BaseMotion
 from cranedyn.errors import OutOfRange
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.model.crane import Crane
 from cranedyn.references.tabulated import Tabulating, tabulated
 
-_UP = np.array([0.0, 0.0, 1.0])
-"""Vertical of the world."""
+_HEAVE = COORDINATES.index("heave")
+"""Index of the coordinate along the vertical of the world."""
 
 _TIME_STEP = 0.01
 """Time between the instants at which beginnings are tried and the deck is looked at [s]: a wave of
@@ -104,7 +104,9 @@ def least_impact_landing(
     begins = np.arange(first - margin, last + margin + 0.5 * _TIME_STEP, _TIME_STEP)
     while True:
         t = np.arange(begins[0], horizon + _TIME_STEP, _TIME_STEP)
-        heights, velocities = _deck_at(deck, point, t)
+        at_place = deck.at(t).seen_at(point)
+        heights = at_place.position[:, _HEAVE]
+        velocities = at_place.velocity[:, _HEAVE]
         contacts = _first_contacts(t, heights, clearance, speed, begins)
         if not np.isnan(contacts).any():
             break
@@ -126,19 +128,6 @@ def least_impact_landing(
         speed_within_tolerance=float(largest[best]),
         worst_speed=float(closing[planned].max()),
     )
-
-
-def _deck_at(deck: BaseMotion, point: np.ndarray, t: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return how high a point of the deck is above where it is at rest [m], and its velocity
-    upwards [m/s], at times [s], shape (times,) each.
-    """
-    frames = deck.frames(t)
-    # The vertical of the world in the axes of the deck.
-    vertical = _UP @ frames.rotation
-    heights = frames.origin @ _UP + vertical @ point - _UP @ point
-    in_axes = np.cross(frames.omega, point)
-    velocities = frames.velocity @ _UP + (vertical * in_axes).sum(axis=1)
-    return heights, velocities
 
 
 def _first_contacts(

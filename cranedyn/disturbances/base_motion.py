@@ -50,6 +50,13 @@ _SPLINE_DEGREE = 5
 _TIME_TOLERANCE = 1e-9
 """Round-off of a time at the ends of a table [s]."""
 
+_MAX_OFFSETS = 32
+"""Most times from one sine to the next that is computed as such, see `sums_of_sines`: more of them
+would save little, and add to the round-off."""
+
+_STARTS_TOGETHER = 256
+"""Starts whose sines are summed together, so that their numbers stay in a processor's cache."""
+
 
 class BaseCoordinates(NamedTuple):
     """Coordinates of a base at k times, in the order of `COORDINATES`.
@@ -63,6 +70,24 @@ class BaseCoordinates(NamedTuple):
     position: np.ndarray
     velocity: np.ndarray
     acceleration: np.ndarray
+
+    def seen_at(self, point: np.ndarray) -> BaseCoordinates:
+        """Return the coordinates of a point of the base, see `BaseMotion.seen_at`.
+
+        Args:
+            point: Place of the point in the frame of the base [m], shape (3,).
+        """
+        frames = frames_of(self)
+        # In the axes of the base: velocity and acceleration of the point beyond the origin's.
+        turning = np.cross(frames.omega, point)
+        accelerating = np.cross(frames.alpha, point) + np.cross(frames.omega, turning)
+        position = self.position.copy()
+        velocity = self.velocity.copy()
+        acceleration = self.acceleration.copy()
+        position[:, :3] += frames.rotation @ point - point
+        velocity[:, :3] += np.einsum("kij,kj->ki", frames.rotation, turning)
+        acceleration[:, :3] += np.einsum("kij,kj->ki", frames.rotation, accelerating)
+        return BaseCoordinates(position, velocity, acceleration)
 
 
 class BaseFrames(NamedTuple):
@@ -289,18 +314,7 @@ class BaseMotion(ShortRepr):
         lever = finite("place of the crane on the base", point, (3,), unit="m")
 
         def moved(times: np.ndarray) -> BaseCoordinates:
-            coordinates = self.at(times)
-            frames = self.frames(times)
-            # In the axes of the base: velocity and acceleration of the point beyond the origin's.
-            turning = np.cross(frames.omega, lever)
-            accelerating = np.cross(frames.alpha, lever) + np.cross(frames.omega, turning)
-            position = coordinates.position.copy()
-            velocity = coordinates.velocity.copy()
-            acceleration = coordinates.acceleration.copy()
-            position[:, :3] += frames.rotation @ lever - lever
-            velocity[:, :3] += np.einsum("kij,kj->ki", frames.rotation, turning)
-            acceleration[:, :3] += np.einsum("kij,kj->ki", frames.rotation, accelerating)
-            return BaseCoordinates(position, velocity, acceleration)
+            return self.at(times).seen_at(lever)
 
         return BaseMotion(moved, self.first, self.last, f"{self.source}, seen at {lever.tolist()}")
 
@@ -322,48 +336,83 @@ class Harmonics:
     def __call__(self, times: np.ndarray) -> BaseCoordinates:
         """Return the coordinates with rates and accelerations at times [s], shape (k,).
 
-        A sine is the imaginary part of a exp(i (ω t + ε)). Times that are equally spaced, as those
-        of a run, are the sums of a start and an offset, and so
-
-            Σ a exp(i (ω (start + offset) + ε)) = Σ [a exp(i (ω start + ε))] exp(i ω offset)
-
-        is a product of two matrices, whose exponentials are some hundred times fewer than those of
-        all times.
+        Times that are equally spaced, as those of a run, are the sums of a start and an offset, so
+        that far fewer sines are computed than there are times, see `sums_of_sines`.
         """
         starts, offsets = _starts_and_offsets(times)
-        coordinates = np.zeros((3, len(times), len(COORDINATES)))
-        for column in range(len(COORDINATES)):
-            moves = self.amplitude[:, column] != 0.0
-            if not moves.any():
-                continue
-            frequency = self.frequency[moves, column]
-            angle = np.multiply.outer(starts, frequency) + self.phase[moves, column]
-            phasor = self.amplitude[moves, column] * np.exp(1j * angle)
-            turned = np.exp(1j * np.multiply.outer(frequency, offsets))
-            # Each derivative by time multiplies a phasor by i ω.
-            for derivative in range(3):
-                # Not by `@`: threads of a BLAS take longer to begin than these small products.
-                sums = np.einsum("sk,ko->so", phasor, turned).ravel()[: len(times)]
-                coordinates[derivative, :, column] = sums.imag
-                phasor = phasor * (1j * frequency)
-        return BaseCoordinates(*coordinates)
+        found = sums_of_sines([self], starts, offsets)
+        in_order = found.reshape(len(found), -1, len(COORDINATES))
+        return BaseCoordinates(*in_order[:, : len(times)])
 
 
 def _starts_and_offsets(times: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return starts and offsets of which times [s] are the sums, each start with all offsets, in
-    this order; with the last start some sums may be beyond the last time.
+    """Return starts and equally spaced offsets, the first 0, of which times [s] are the sums, each
+    start with all offsets, in this order; with the last start some sums may be beyond the last
+    time.
 
     Times that are not equally spaced, but for round-off, are starts with the only offset 0.
     """
-    block = math.isqrt(len(times))
+    block = min(math.isqrt(len(times)), _MAX_OFFSETS)
     if block > 1:
         starts = times[::block]
-        offsets = times[:block] - times[0]
+        # The mean, since a difference of two times has the round-off of their size, and each
+        # further offset would have it once more.
+        spacing = (times[-1] - times[0]) / (len(times) - 1)
+        offsets = spacing * np.arange(block)
         sums = np.add.outer(starts, offsets).ravel()[: len(times)]
         round_off = 4.0 * np.finfo(float).eps * np.abs(times[[0, -1]]).max()
         if np.abs(sums - times).max() <= round_off:
             return starts, offsets
     return times, np.zeros(1)
+
+
+def sums_of_sines(laws: Sequence[Harmonics], starts: np.ndarray, offsets: np.ndarray) -> np.ndarray:
+    """Return coordinates, rates and accelerations on sums of as many sines each, shape (3, starts,
+    offsets, 6).
+
+    A sine is the imaginary part of a exp(i (ω t + ε)). From one offset to the next it turns by the
+    constant factor exp(i ω δ), which is far cheaper than its sine. The round-off of these products
+    grows with the number of offsets, some dozens.
+
+    Args:
+        laws: The sums: one for all starts, or one for each.
+        starts: Times at the first offset [s], shape (starts,).
+        offsets: Times from there on [s], equally spaced, the first 0.
+    """
+    coordinates = np.zeros((3, len(starts), len(offsets), len(COORDINATES)))
+    for first in range(0, len(starts), _STARTS_TOGETHER):
+        some = slice(first, first + _STARTS_TOGETHER)
+        of_some = laws if len(laws) == 1 else laws[some]
+        coordinates[:, some] = _sums_together(of_some, starts[some], offsets)
+    return coordinates
+
+
+def _sums_together(
+    laws: Sequence[Harmonics], starts: np.ndarray, offsets: np.ndarray
+) -> np.ndarray:
+    """Return the sums of `sums_of_sines` for all starts at once."""
+    amplitude = np.array([law.amplitude.T for law in laws])
+    # Coordinates that no base moves along cost nothing.
+    moving = np.flatnonzero((amplitude != 0.0).any(axis=(0, 2)))
+    amplitude = amplitude[:, moving]
+    frequency = np.array([law.frequency.T[moving] for law in laws])
+    phase = np.array([law.phase.T[moving] for law in laws])
+    squared = frequency**2
+    angle = frequency * starts[:, None, None] + phase
+    real = amplitude * np.cos(angle)
+    imaginary = amplitude * np.sin(angle)
+    spacing = offsets[1] if len(offsets) > 1 else 0.0
+    cosine = np.cos(frequency * spacing)
+    sine = np.sin(frequency * spacing)
+    coordinates = np.zeros((3, len(starts), len(offsets), len(COORDINATES)))
+    for row in range(len(offsets)):
+        coordinates[0][:, row, moving] = imaginary.sum(axis=2)
+        coordinates[1][:, row, moving] = np.einsum("lck,lck->lc", real, frequency)
+        coordinates[2][:, row, moving] = -np.einsum("lck,lck->lc", imaginary, squared)
+        turned = real * cosine - imaginary * sine
+        imaginary = real * sine + imaginary * cosine
+        real = turned
+    return coordinates
 
 
 @dataclass(frozen=True, eq=False)

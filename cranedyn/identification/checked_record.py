@@ -296,7 +296,7 @@ class RecordedBase:
             curve = self.curves.get(key)
             if curve is not None:
                 for order in range(3):
-                    orders[order][:, column] = curve(inside, order)
+                    orders[order, :, column] = curve(inside, order)
         return BaseCoordinates(*orders)
 
 

@@ -858,9 +858,9 @@ class SwingTask:
     def _observe_bases(self, which: Any, observations: np.ndarray) -> None:
         """Fill in the observations of the bases of some cranes, the last columns."""
         assert self.fleet.bases is not None
-        position, velocity, _ = self.fleet.bases.coordinates()
-        measured = np.hstack([position, velocity])[: self.fleet.count][which]
-        clipped = np.clip(measured, -MAX_BASE_OBSERVED, MAX_BASE_OBSERVED)
+        rows = np.arange(self.fleet.count)[which]
+        position, velocity, _ = self.fleet.bases.coordinates(rows)
+        clipped = np.clip(np.hstack([position, velocity]), -MAX_BASE_OBSERVED, MAX_BASE_OBSERVED)
         observations[:, len(self.view.names) :] = clipped
 
     def observation(self, z: np.ndarray, goal: np.ndarray) -> np.ndarray:

@@ -279,8 +279,10 @@ class Log:
         )
 
     def energy_ledger(self, on_base: RowsOnBase | None) -> EnergyLedger:
-        """Return the energy ledger of the rows so far; they are given once more for a crane on a
-        base that moves.
+        """Return the energy ledger of the rows so far.
+
+        Args:
+            on_base: What the rows so far are on a base that moves; None for a base at rest.
         """
         spec = self.spec
         crane = spec.crane
@@ -315,8 +317,10 @@ class Log:
         )
 
     def force_work(self, on_base: RowsOnBase | None) -> np.ndarray:
-        """Return the work of the external forces since the start at each row so far [J]; the rows
-        are given once more for a crane on a base that moves.
+        """Return the work of the external forces since the start at each row so far [J].
+
+        Args:
+            on_base: What the rows so far are on a base that moves; None for a base at rest.
         """
         force = self.force[: self._rows]
         if not self.spec.has_forces or not force.any():
