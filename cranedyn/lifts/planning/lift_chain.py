@@ -41,7 +41,7 @@ from cranedyn.lifts.planning.ground_lift import (
 from cranedyn.lifts.planning.lift import Lift, NoWay, crane_of, plan_lift
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_fields
-from cranedyn.lifts.planning.site_table import FieldLines, SiteTable
+from cranedyn.lifts.planning.site_table import SiteTable
 from cranedyn.lifts.planning.solids import Solid, box, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
@@ -219,14 +219,13 @@ def read_chain(path: str | Path) -> ChainList:
         name = entry.text("name")
         if any(lift.name == name for lift in lifts):
             entry.fail("name", f"two lifts are called {quoted(name)}; each needs its own name.")
-        size = entry.optional_numbers("size", 3, "m", "> 0")
         lifts.append(
             ChainedLift(
                 name=name,
                 start=_standing_place(entry, "from"),
                 goal=_standing_place(entry, "to"),
                 mass=entry.optional_number("load", "kg", "> 0"),
-                size=None if size is None else (size[0], size[1], size[2]),
+                size=_size(entry),
             )
         )
     if not lifts:
@@ -235,7 +234,7 @@ def read_chain(path: str | Path) -> ChainList:
     return ChainList(
         lifts=tuple(lifts),
         home=None if home is None else np.array(home),
-        hook_size=_hook_size(top, lines),
+        hook_size=_size(top.top_table("hook", ["size"], lines)),
         hooking=top.number("hooking", 0.0, "s", "0 to 3600"),
     )
 
@@ -255,9 +254,9 @@ def _standing_place(entry: SiteTable, field: str) -> np.ndarray:
     return np.array(entry.numbers(field, 2))
 
 
-def _hook_size(top: SiteTable, lines: FieldLines) -> tuple[float, float, float] | None:
-    """Return the sides of the hook [m]; None if they are not entered."""
-    size = top.child("hook", ["size"], lines).optional_numbers("size", 3, "m", "> 0")
+def _size(table: SiteTable) -> tuple[float, float, float] | None:
+    """Return the sides of a load or of the hook [m]; None if they are not entered."""
+    size = table.optional_numbers("size", 3, "m", "> 0")
     return None if size is None else (size[0], size[1], size[2])
 
 

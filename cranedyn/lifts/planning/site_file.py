@@ -151,15 +151,9 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
     Raises:
         DataError: If there is no [ground], one is no table, or a field is unknown.
     """
-    content = top.values
-    if not isinstance(content.get("ground"), dict):
+    if not isinstance(top.values.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
-    tables = {}
-    for name, fields in _FIELDS.items():
-        values = content.get(name, {})
-        if not isinstance(values, dict):
-            top.fail(name, "it must be a table.")
-        tables[name] = SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
+    tables = {name: top.top_table(name, fields, lines) for name, fields in _FIELDS.items()}
     return tables | rigging_tables(tables["rigging"], lines)
 
 
