@@ -132,6 +132,14 @@ class SiteTable:
         """Return a number in a range; None if it is left out."""
         return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
 
+    def optional_whole(self, key: str) -> int | None:
+        """Return a whole number from 1; None if it is left out."""
+        return self.whole(key) if key in self.values else None
+
+    def optional_angle(self, key: str, allowed: str) -> float | None:
+        """Return an angle [rad] that the file gives in degrees; None if it is left out."""
+        return self.angle(key, allowed=allowed) if key in self.values else None
+
     def optional_text(self, key: str) -> str | None:
         """Return a text that is for people only, and which TOML may also write as a whole number or
         a date, such as the number of a job; None if it is left out.

@@ -109,10 +109,6 @@ def read_tandem(path: str | Path) -> TandemJob:
         lift = TandemLift(site, (names[0], names[1]), load, rope)
     except CraneError as error:
         tandem.fail("cranes", error)
-    falls = tandem.whole("falls") if "falls" in tandem.values else None
-    inclination = None
-    if "inclination" in tandem.values:
-        inclination = tandem.angle("inclination", allowed="0 to 90")
     return TandemJob(
         name=site.name,
         lift=lift,
@@ -121,7 +117,10 @@ def read_tandem(path: str | Path) -> TandemJob:
         yaw=tandem.angle("heading"),
         via=tandem.points("via") if "via" in tandem.values else None,
         wind=_wind(tables["load_wind"]),
-        requirements=TandemRequirements(inclination, falls),
+        requirements=TandemRequirements(
+            inclination=tandem.optional_angle("inclination", "0 to 90"),
+            falls=tandem.optional_whole("falls"),
+        ),
     )
 
 
