@@ -187,7 +187,8 @@ def _structure(run: TandemRun, crane: int, *, moving: bool = False) -> _Moving:
     bodies = station.bodies
     kept = np.flatnonzero(~bodies.hangs & ((bodies.joint > 0) | (not moving)))
     boxes = run.drives[crane].intervals(run.t)
-    low, high = (site.positions(index, boxes[:, end]) for end in range(2))
+    low = site.positions(index, boxes[:, 0])
+    high = site.positions(index, boxes[:, 1])
     intervals = len(boxes)
     placed = place_capsules(
         site.bodies,
