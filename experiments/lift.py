@@ -430,6 +430,26 @@ def _claims(result: SiteResult) -> Iterator[harness.Claim]:
     )
 
 
+def _refuse_options_of_single_lifts(options: argparse.Namespace) -> None:
+    """Refuse options that do not apply to a chain.
+
+    Raises:
+        DataError: With the option.
+    """
+    given = {
+        "--from": options.start is not None,
+        "--to": options.goal is not None,
+        "--least-time": options.least_time,
+        "--lifts": options.lifts not in (0, LIFTS),
+        "--view": options.view,
+        "--serve": options.serve,
+        "--film": options.film is not None,
+    }
+    for option, is_given in given.items():
+        if is_given:
+            raise DataError(f"{option} is for single lifts; leave it out with --chain.")
+
+
 def main(argv: Sequence[str] | None = None) -> int:
     """Run from the command line."""
     parser = harness.parser("lift", __doc__, engines=("compiled", "pinocchio"))
@@ -454,6 +474,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     def experiment_or_chain(options: argparse.Namespace, setup: harness.Setup) -> harness.Outcome:
         if options.chain is None:
             return experiment(options, setup)
+        _refuse_options_of_single_lifts(options)
         outcome, certified = chain_outcome(options, setup)
         chains.append((certified, options.recording))
         return outcome

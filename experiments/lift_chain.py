@@ -23,9 +23,6 @@ from cranedyn.verdict import Verdict, overall
 from experiments import harness
 from experiments.scenarios.moves import LIMITS
 
-_PERTURBED = 10_000
-"""Number of perturbed lifts that `cranedyn run lift` has as its default; a chain makes none."""
-
 
 class _Row(NamedTuple):
     """A move in the table.
@@ -49,9 +46,8 @@ def chain_outcome(
     """Plan, simulate and check a chain of lifts; return it, too.
 
     Raises:
-        DataError: If an option does not apply to a chain, or there is not one site.
+        DataError: If there is not one site.
     """
-    _refuse_other_options(options)
     files = options.site or ["open_yard"]
     if len(files) != 1:
         raise DataError(f"A chain is lifted on one site; {len(files)} are given.")
@@ -83,26 +79,6 @@ def chain_outcome(
         next_commands=[command_line("cranedyn", "view", options.recording)],
     )
     return outcome, certified
-
-
-def _refuse_other_options(options: argparse.Namespace) -> None:
-    """Refuse options of a single lift.
-
-    Raises:
-        DataError: With the option.
-    """
-    given = {
-        "--from": options.start is not None,
-        "--to": options.goal is not None,
-        "--least-time": options.least_time,
-        "--lifts": options.lifts not in (0, _PERTURBED),
-        "--view": options.view,
-        "--serve": options.serve,
-        "--film": options.film is not None,
-    }
-    for option, is_given in given.items():
-        if is_given:
-            raise DataError(f"{option} is for single lifts; leave it out with --chain.")
 
 
 def write_recording(certified: CertifiedChain, file: Path, code: int) -> int:

@@ -135,8 +135,12 @@ def experiment(setup: Setup) -> tuple[Outcome, TandemRun]:
         show_done(1 + len(cases))
     planned = cases[0]
     checks = judge_tandem(planned.run, TandemRequirements(inclination=INCLINATION))
+    note = (
+        f"A beam of {BEAM.mass / 1e3:g} t on lugs 14 m apart; a code of practice provides for "
+        f"{RULE:g} where two cranes are not synchronised. Drives that stop do so half way."
+    )
     outcome = Outcome(
-        tables=[_case_table(cases), _compared_table(compared), _check_table(checks)],
+        tables=[_case_table(cases, note), _compared_table(compared), _check_table(checks)],
         claims=[*_claims(compared, cases, plan, checks), *_balance_claims(planned.run)],
         parameters={"mass_kg": BEAM.mass, "dt_s": DT, "duration_s": plan.duration},
         trajectories={f"tandem_{i}": case.run for i, case in enumerate(cases)},
@@ -273,29 +277,34 @@ def _case(variant: _Variant, plan: TandemPlan) -> TandemCase:
         moved = np.mean(np.array(BEAM.lugs) - np.array(load.lugs), axis=0)
         place = plan.start + Rotation.from_euler("z", YAW).apply(moved)
     run = simulate_tandem(lift, variant.drives, start=_pose(place), dt=DT, wind=variant.wind)
-    static = static_shares(BEAM) * BEAM.mass * lift.gravity
-    level = np.hypot(run["roll_rad"], run["pitch_rad"])
+    return _case_of(variant.name, run, plan)
+
+
+def _case_of(name: str, run: TandemRun, plan: TandemPlan) -> TandemCase:
+    """Return a run beside the static shares of its plan and the heading of its load."""
+    lift = plan.lift
+    static = static_shares(lift.load) * lift.load.mass * lift.gravity
     return TandemCase(
-        name=variant.name,
+        name=name,
         run=run,
         factors=run.tensions.max(axis=0) / static,
-        tilt=float(level.max()),
-        turn=float(np.abs(run["yaw_rad"] - YAW).max()),
+        tilt=float(np.hypot(run["roll_rad"], run["pitch_rad"]).max()),
+        turn=float(np.abs(run["yaw_rad"] - plan.yaw).max()),
     )
 
 
-def _case_table(cases: Sequence[TandemCase]) -> ResultTable:
+def _case_table(cases: Sequence[TandemCase], note: str = "") -> ResultTable:
+    first, second = cases[0].run.lift.names
     return make_table(
         "Largest pulls over the static shares",
         cases,
         ("lift", "", lambda c: c.name),
-        ("north", ".3f", lambda c: float(c.factors[0])),
-        ("south", ".3f", lambda c: float(c.factors[1])),
+        (first, ".3f", lambda c: float(c.factors[0])),
+        (second, ".3f", lambda c: float(c.factors[1])),
         ("ropes lean [°]", ".2f", lambda c: math.degrees(c.run.largest_inclination)),
         ("tilt [°]", ".2f", lambda c: math.degrees(c.tilt)),
         ("turn [°]", ".2f", lambda c: math.degrees(c.turn)),
-        note=f"A beam of {BEAM.mass / 1e3:g} t on lugs 14 m apart; a code of practice provides for "
-        f"{RULE:g} where two cranes are not synchronised. Drives that stop do so half way.",
+        note=note,
     )
 
 
@@ -414,11 +423,12 @@ def own_experiment(job: TandemJob) -> tuple[Outcome, TandemRun]:
     plan = job.plan()
     run = simulate_tandem(job.lift, plan, dt=DT, wind=job.wind)
     checks = judge_tandem(run, job.requirements)
+    case = _case_of("as planned" if run.wind is None else "in the wind", run, plan)
     left = run.centres[run.t >= plan.duration]
     error = float(np.linalg.norm(left.mean(axis=0) - plan.goal))
     complete = overall(checks)
     outcome = Outcome(
-        tables=[_check_table(checks), _way_table(plan), _own_table(run, plan)],
+        tables=[_check_table(checks), _way_table(plan), _case_table([case])],
         claims=[
             *checks,
             Claim(f"{job.name}: the lift is certified, all {len(checks)} checks hold.", complete),
@@ -430,37 +440,10 @@ def own_experiment(job: TandemJob) -> tuple[Outcome, TandemRun]:
             "mean_distance_from_goal_m": error,
         },
         trajectories={"tandem": run},
-        figures={"shares": _figure([_own_case(run, plan)])},
+        figures={"shares": _figure([case])},
         next_commands=["cranedyn view {folder}/tandem.rrd"],
     )
     return outcome, run
-
-
-def _own_case(run: TandemRun, plan: TandemPlan) -> TandemCase:
-    """Return the run of a lift beside its static shares."""
-    lift = run.lift
-    static = static_shares(lift.load) * lift.load.mass * lift.gravity
-    return TandemCase(
-        name="as planned" if run.wind is None else "in the wind",
-        run=run,
-        factors=run.tensions.max(axis=0) / static,
-        tilt=float(np.hypot(run["roll_rad"], run["pitch_rad"]).max()),
-        turn=float(np.abs(run["yaw_rad"] - plan.yaw).max()),
-    )
-
-
-def _own_table(run: TandemRun, plan: TandemPlan) -> ResultTable:
-    first, second = run.lift.names
-    return make_table(
-        "Largest pulls over the static shares",
-        [_own_case(run, plan)],
-        ("lift", "", lambda c: c.name),
-        (first, ".3f", lambda c: float(c.factors[0])),
-        (second, ".3f", lambda c: float(c.factors[1])),
-        ("ropes lean [°]", ".2f", lambda c: math.degrees(c.run.largest_inclination)),
-        ("tilt [°]", ".2f", lambda c: math.degrees(c.tilt)),
-        ("turn [°]", ".2f", lambda c: math.degrees(c.turn)),
-    )
 
 
 def _way_table(plan: TandemPlan) -> ResultTable:

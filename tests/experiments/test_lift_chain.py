@@ -49,9 +49,3 @@ def test_options_of_single_lifts_are_refused(
     chain = ["--chain", written(tmp_path), "--out", str(tmp_path / "out")]
     assert lift.main([*chain, *words]) == 2
     assert sentence in capsys.readouterr().err
-
-
-def test_the_default_number_of_perturbed_lifts_counts_as_none() -> None:
-    from experiments import lift_chain
-
-    assert lift_chain._PERTURBED == lift.LIFTS

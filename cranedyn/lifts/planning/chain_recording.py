@@ -12,10 +12,10 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial.transform import Rotation
 
-from cranedyn.dynamics.contact import box_corners
 from cranedyn.dynamics.joint_forces import JointForces
-from cranedyn.lifts.planning.ground_lift import load_corners
+from cranedyn.lifts.planning.ground_lift import GroundLift
 from cranedyn.lifts.planning.lift_chain import CertifiedChain
+from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.solids import rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.recording.contents import Obstacle
@@ -60,14 +60,14 @@ def record_chain(path: str | Path, certified: CertifiedChain, *, title: str = "L
         q.append(piece.q[rows])
         forces = JointForces.of(lift.crane)
         pulls.append(forces.tension(piece.q[rows].T, piece.v[rows].T) / 1e3)
-        ropes.append(np.array([site.to_site(_rope(lift.crane, row)) for row in piece.q[rows]]))
-        sides = chain.sizes[move.load] if move.load else chain.hook.size
-        hanging = _hanging_poses(
-            [site.to_site(load_corners(lift, row)) for row in piece.q[rows]], sides
-        )
-        hooks.append(
-            hanging.raised((sides[2] + chain.hook.size[2]) / 2.0) if move.load else hanging
-        )
+        hung = _hung(lift, piece.q[rows], site)
+        hanging = hung.box
+        ropes.append(hung.rope)
+        if move.load:
+            height = chain.sizes[move.load][2]
+            hooks.append(hanging.raised((height + chain.hook.size[2]) / 2.0))
+        else:
+            hooks.append(hanging)
         for name, poses in loads.items():
             count = len(piece.t[rows])
             poses.append(hanging if name == move.load else standing[name].repeated(count))
@@ -128,17 +128,36 @@ class _Poses(NamedTuple):
         return _Poses(self.centres + height * self.rotations[:, :, 2], self.rotations)
 
 
-def _hanging_poses(corners: Sequence[np.ndarray], sides: Sequence[float]) -> _Poses:
-    """Return places of a box from its corners at each row, in the order of `box_corners`."""
-    width, length, height = sides
-    local = np.array(box_corners(width, length, height))
-    centres = np.array([at_row.mean(axis=0) for at_row in corners])
-    # The corners c of a box of the corners p are c = R p: R = Σ c pᵀ (Σ p pᵀ)⁻¹.
-    inverse = np.linalg.inv(local.T @ local)
+class _Hung(NamedTuple):
+    """Rope and box of a move over time in the frame of the site.
+
+    Attributes:
+        rope: Pivot and end of the rope [m], shape (rows, 2, 3).
+        box: Where the box hangs.
+    """
+
+    rope: np.ndarray
+    box: _Poses
+
+
+def _hung(lift: GroundLift, q: np.ndarray, site: Site) -> _Hung:
+    """Return where rope and box of a move are at coordinates of its crane, shape (rows, n)."""
+    crane = lift.crane
+    # From the end of the rope, along the axes of the box.
+    middle = crane.payload.lever + np.mean(lift.ground.points, axis=0)
+    rope = []
+    centres = []
     rotations = []
-    for at_row, centre in zip(corners, centres, strict=True):
-        rotations.append((at_row - centre).T @ local @ inverse)
-    return _Poses(centres, np.array(rotations))
+    for row in q:
+        pin.forwardKinematics(crane.model, crane.data, row)
+        # Pinocchio counts joints from 1.
+        pivot = crane.data.oMi[crane.layout.index("theta") + 1]
+        lug = crane.data.oMi[crane.payload.body + 1]
+        rope.append([pivot.translation.copy(), lug.translation.copy()])
+        centres.append(lug.act(middle))
+        rotations.append(site.crane_to_site @ lug.rotation)
+    box = _Poses(site.to_site(np.array(centres)), np.array(rotations))
+    return _Hung(site.to_site(np.array(rope)), box)
 
 
 def _moving_box(name: str, sides: Sequence[float], poses: Sequence[_Poses]) -> MovingBox:
@@ -149,17 +168,6 @@ def _moving_box(name: str, sides: Sequence[float], poses: Sequence[_Poses]) -> M
         np.concatenate([part.centres for part in poses]),
         Rotation.from_matrix(np.concatenate([part.rotations for part in poses])),
     )
-
-
-def _rope(crane: Crane, q: np.ndarray) -> np.ndarray:
-    """Return pivot and end of the rope at coordinates, in the frame of the crane [m], shape
-    (2, 3).
-    """
-    pin.forwardKinematics(crane.model, crane.data, q)
-    # Pinocchio counts joints from 1.
-    pivot = crane.data.oMi[crane.layout.index("theta") + 1].translation
-    lug = crane.data.oMi[crane.payload.body + 1].translation
-    return np.array([pivot, lug])
 
 
 def _link_of_load(crane: Crane) -> str:

@@ -5,7 +5,6 @@ papers of the crane, rigging, ground, limits (docs/howto/plan_lift.md).
 from __future__ import annotations
 
 import dataclasses
-import math
 from collections.abc import Mapping
 from typing import get_args
 
@@ -171,11 +170,10 @@ def _load(load: SiteTable) -> LoadDetails:
 
 def _slings(slings: SiteTable) -> Slings:
     """Return the slings; the file gives their angle in degrees from the vertical."""
-    angle = slings.optional_number("angle", "degrees", "0 to 85")
     return Slings(
         type=slings.optional_choice("type", SLING_TYPES),
-        number=slings.whole("number") if "number" in slings.values else None,
-        angle=None if angle is None else math.radians(angle),
+        number=slings.optional_whole("number"),
+        angle=slings.optional_angle("angle", "0 to 85"),
         length=slings.optional_number("length", "m", "> 0"),
         limit=slings.optional_number("limit", "kg", "> 0"),
         certificate=slings.optional_text("certificate"),
@@ -202,7 +200,7 @@ def _ground(ground: SiteTable) -> GroundDetails:
         pressure_source=ground.optional_text("pressure_source"),
         mat_length=None if mat is None else mat[0],
         mat_width=None if mat is None else mat[1],
-        north=(ground.angle("north", allowed="-360 to 360") if "north" in ground.values else None),
+        north=ground.optional_angle("north", "-360 to 360"),
     )
 
 

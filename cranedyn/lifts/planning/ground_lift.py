@@ -777,6 +777,15 @@ def _falls_of(clearance: Clearance) -> int:
     return int(clearance.crane.record.get("arguments", {}).get("falls", 1))
 
 
+def drum_inertia_of(clearance: TowerClearance, load: float) -> float:
+    """Return the mass of hoist drum and motor at the rope [kg]: that of the crane, or, if its
+    description gives none, a multiple of a load [kg].
+    """
+    crane = clearance.crane
+    drum_inertia = crane.model.armature[clearance.joints.hoist] or _DRUM_MASS_RATIO * load
+    return float(crane.record.get("arguments", {}).get("drum_inertia", drum_inertia))
+
+
 class HookBlock(NamedTuple):
     """A hook block with all that stays with it when a load is released, as a homogeneous box.
 
@@ -828,8 +837,7 @@ def _on_rope(
     hook_attitude = _hook_attitude(crane, hoist)
     sides = np.ptp(clearance.bodies.load @ hook_attitude.T, axis=0).tolist()
     if drum_inertia is None:
-        drum_inertia = crane.model.armature[hoist] or _DRUM_MASS_RATIO * crane.payload_mass
-        drum_inertia = float(crane.record.get("arguments", {}).get("drum_inertia", drum_inertia))
+        drum_inertia = drum_inertia_of(clearance, crane.payload_mass)
     _remove_inertia_of_load(robot, crane, hoist)
     # Cable length that puts the centre of the load on the level of the ground. The load stands on
     # the ground before, so that no lift needs a longer one.

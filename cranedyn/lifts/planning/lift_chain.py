@@ -27,11 +27,13 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import DataError, quoted
 from cranedyn.interfaces import Controller, Reference, Setpoint, State
+from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.clearance_of import clearance_of, tower_clearance
 from cranedyn.lifts.planning.ground_lift import (
     GOAL_TOLERANCE,
     GroundLift,
     HookBlock,
+    drum_inertia_of,
     from_ground,
     ground_lift_checks,
     ground_lift_start,
@@ -41,16 +43,12 @@ from cranedyn.lifts.planning.ground_lift import (
 from cranedyn.lifts.planning.lift import Lift, NoWay, crane_of, plan_lift
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_fields
-from cranedyn.lifts.planning.site_table import FieldLines, SiteTable
+from cranedyn.lifts.planning.site_table import SiteTable
 from cranedyn.lifts.planning.solids import Solid, box, rotation_z
 from cranedyn.model.crane import Crane
 from cranedyn.references.limits import Limits
 from cranedyn.simulation.stages import LoadStage, StagedRun, simulate_stages
 from cranedyn.verdict import Check
-
-_DRUM_MASS_RATIO = 5.0
-"""Mass of hoist drum and motor at the rope over that of the heaviest load, for a crane that gives
-none: it is the same in all moves."""
 
 _LEVEL_TOLERANCE = 0.01
 """Largest difference of height between a load and the box that stands for it [m]: some static sinks
@@ -219,14 +217,13 @@ def read_chain(path: str | Path) -> ChainList:
         name = entry.text("name")
         if any(lift.name == name for lift in lifts):
             entry.fail("name", f"two lifts are called {quoted(name)}; each needs its own name.")
-        size = entry.optional_numbers("size", 3, "m", "> 0")
         lifts.append(
             ChainedLift(
                 name=name,
                 start=_standing_place(entry, "from"),
                 goal=_standing_place(entry, "to"),
                 mass=entry.optional_number("load", "kg", "> 0"),
-                size=None if size is None else (size[0], size[1], size[2]),
+                size=_size(entry),
             )
         )
     if not lifts:
@@ -235,7 +232,7 @@ def read_chain(path: str | Path) -> ChainList:
     return ChainList(
         lifts=tuple(lifts),
         home=None if home is None else np.array(home),
-        hook_size=_hook_size(top, lines),
+        hook_size=_size(top.top_table("hook", ["size"], lines)),
         hooking=top.number("hooking", 0.0, "s", "0 to 3600"),
     )
 
@@ -255,9 +252,9 @@ def _standing_place(entry: SiteTable, field: str) -> np.ndarray:
     return np.array(entry.numbers(field, 2))
 
 
-def _hook_size(top: SiteTable, lines: FieldLines) -> tuple[float, float, float] | None:
-    """Return the sides of the hook [m]; None if they are not entered."""
-    size = top.child("hook", ["size"], lines).optional_numbers("size", 3, "m", "> 0")
+def _size(table: SiteTable) -> tuple[float, float, float] | None:
+    """Return the sides of a load or of the hook [m]; None if they are not entered."""
+    size = table.optional_numbers("size", 3, "m", "> 0")
     return None if size is None else (size[0], size[1], size[2])
 
 
@@ -309,22 +306,23 @@ class _Planner:
         self._gravity = gravity
         self._period = period
         self._values = {name: value for name, value in values.items() if name != "payload_mass"}
-        given = self._crane(self._site)
-        self._masses = self._load_masses(given)
-        self.sizes = self._load_sizes(given)
-        self.hook = self._hook_block(given)
-        heaviest = max(self._masses.values())
-        armature = given.record.get("arguments", {}).get("drum_inertia")
-        self._drum_inertia = float(armature or _DRUM_MASS_RATIO * heaviest)
+        clearance = clearance_of(self._crane(site), site)
+        # The crane with the load of the site, from which all others differ in their load alone.
+        self._given = tower_clearance(clearance, "A chain of lifts")
+        self._masses = self._load_masses()
+        self.sizes = self._load_sizes()
+        self.hook = self._hook_block()
+        # It is the same in all moves.
+        self._drum_inertia = drum_inertia_of(self._given, max(self._masses.values()))
         self._standing: dict[str, StandingLoad] = {}
         self._moves: list[ChainMove] = []
-        self._given = given
 
     def planned(self) -> LiftChain:
         """Return the chain."""
         for lift in self._listed.lifts:
-            with_load = self._carrying(lift)
-            self._standing[lift.name] = self._stands(with_load, lift, lift.start, "start")
+            site = self._carrying(lift)
+            clearance = clearance_of(self._crane(site), site)
+            self._standing[lift.name] = self._stands(clearance, lift, lift.start, "start")
         before = dict(self._standing)
         place = self._home()
         for lift in self._listed.lifts:
@@ -341,24 +339,24 @@ class _Planner:
         values: dict[str, Any] = self._values
         return crane_of(site, gravity=self._gravity, **values)
 
-    def _load_masses(self, given: Crane) -> dict[str, float]:
+    def _load_masses(self) -> dict[str, float]:
         """Return the mass of each load with hook and slings [kg]."""
+        given = self._given.crane
         masses = {}
         for lift in self._listed.lifts:
             masses[lift.name] = given.payload_mass if lift.mass is None else lift.mass
         return masses
 
-    def _load_sizes(self, given: Crane) -> dict[str, tuple[float, float, float]]:
+    def _load_sizes(self) -> dict[str, tuple[float, float, float]]:
         """Return the sides of each load [m]."""
-        load = tower_clearance(clearance_of(given, self._site), "A chain of lifts").bodies.load
-        drawn = np.ptp(load, axis=0) if self._site.load is None else np.ptp(self._site.load, axis=0)
-        width, length, height = drawn.tolist()
+        load = self._given.bodies.load if self._site.load is None else self._site.load
+        width, length, height = np.ptp(load, axis=0).tolist()
         sizes = {}
         for lift in self._listed.lifts:
             sizes[lift.name] = (width, length, height) if lift.size is None else lift.size
         return sizes
 
-    def _hook_block(self, given: Crane) -> HookBlock:
+    def _hook_block(self) -> HookBlock:
         """Return the hook block.
 
         Raises:
@@ -379,7 +377,7 @@ class _Planner:
         size = self._listed.hook_size
         if size is None:
             # Slings that are spread over a load hang together below the block when it is gone.
-            bodies = tower_clearance(clearance_of(given, self._site), "A chain of lifts").bodies
+            bodies = self._given.bodies
             size = (2.0 * bodies.falls, 2.0 * bodies.falls, float(bodies.hook.size[2]))
         for name, sides in self.sizes.items():
             if size[0] > sides[0] or size[1] > sides[1]:
@@ -396,9 +394,8 @@ class _Planner:
         """
         if self._listed.home is not None:
             return self._listed.home
-        clearance = clearance_of(self._given, self._site)
-        drives = self._given.start.q[clearance.drive_joints]
-        return self._site.to_site(clearance.point(drives))
+        drives = self._given.crane.start.q[self._given.drive_joints]
+        return self._site.to_site(self._given.point(drives))
 
     # --- sites ------------------------------------------------------------------------------------
 
@@ -419,13 +416,14 @@ class _Planner:
         others = [load.box for name, load in self._standing.items() if name != lift.name]
         return self._with_load(self.sizes[lift.name], self._masses[lift.name], others)
 
-    def _stands(self, site: Site, lift: ChainedLift, place: np.ndarray, label: str) -> StandingLoad:
-        """Return the load of a lift where it stands.
+    def _stands(
+        self, clearance: Clearance, lift: ChainedLift, place: np.ndarray, label: str
+    ) -> StandingLoad:
+        """Return the load of a lift, which the crane carries, where it stands.
 
         Raises:
             NoWay: If it would tip, with the name of the lift.
         """
-        clearance = clearance_of(self._crane(site), site)
         try:
             corners = standing_corners(clearance, place, f"{label} of {lift.name}")
         except NoWay as error:
@@ -455,9 +453,8 @@ class _Planner:
 
     def _add_loaded(self, lift: ChainedLift) -> None:
         """Add the move of a load, which then stands at its goal."""
-        site = self._carrying(lift)
-        moved = self._ground_lift(lift.name, site, lift.start, lift.goal, self.hook)
-        stands = self._stands(site, lift, lift.goal, "goal")
+        moved = self._ground_lift(lift.name, self._carrying(lift), lift.start, lift.goal, self.hook)
+        stands = self._stands(moved.lift.clearance, lift, lift.goal, "goal")
         self._standing[lift.name] = stands
         self._moves.append(ChainMove(lift.name, lift.name, moved, self._duration(moved), stands))
 

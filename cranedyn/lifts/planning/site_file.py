@@ -131,11 +131,11 @@ def read_site(path: str | Path) -> Site:
         runway=_runway(tables["runway"], is_tower=is_tower),
         rigging=masses,
         gust=wind.optional_number("gust", "m/s", ">= 0"),
-        gust_swing=wind.angle("swing", allowed="0.1 to 45") if "swing" in wind.values else None,
+        gust_swing=wind.optional_angle("swing", "0.1 to 45"),
         risk=_risk(lift),
         spread=_spread(tables["uncertainty"]),
         chart=chart_of(crane),
-        falls=rigging.whole("falls") if "falls" in rigging.values else None,
+        falls=rigging.optional_whole("falls"),
         telescope="" if telescope is None else telescope.joint,
         boom=None if telescope is None else telescope.boom,
         counterweight=_counterweight(crane),
@@ -151,15 +151,9 @@ def _tables(top: SiteTable, lines: FieldLines) -> dict[str, SiteTable]:
     Raises:
         DataError: If there is no [ground], one is no table, or a field is unknown.
     """
-    content = top.values
-    if not isinstance(content.get("ground"), dict):
+    if not isinstance(top.values.get("ground"), dict):
         top.fail("ground", "there is none; a site needs a table [ground] with its height.")
-    tables = {}
-    for name, fields in _FIELDS.items():
-        values = content.get(name, {})
-        if not isinstance(values, dict):
-            top.fail(name, "it must be a table.")
-        tables[name] = SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
+    tables = {name: top.top_table(name, fields, lines) for name, fields in _FIELDS.items()}
     return tables | rigging_tables(tables["rigging"], lines)
 
 

@@ -132,6 +132,14 @@ class SiteTable:
         """Return a number in a range; None if it is left out."""
         return self.number(key, unit=unit, allowed=allowed) if key in self.values else None
 
+    def optional_whole(self, key: str) -> int | None:
+        """Return a whole number from 1; None if it is left out."""
+        return self.whole(key) if key in self.values else None
+
+    def optional_angle(self, key: str, allowed: str) -> float | None:
+        """Return an angle [rad] that the file gives in degrees; None if it is left out."""
+        return self.angle(key, allowed=allowed) if key in self.values else None
+
     def optional_text(self, key: str) -> str | None:
         """Return a text that is for people only, and which TOML may also write as a whole number or
         a date, such as the number of a job; None if it is left out.
@@ -185,10 +193,37 @@ class SiteTable:
             fields: Names of the fields that it may have.
             lines: Lines of all fields of the file.
         """
-        name = f"{self.name}.{key}"
         values = self.values.get(key, {})
         if not isinstance(values, dict):
             values = {}
+        return self._inner(key, f"{self.name}.{key}", values, fields, lines)
+
+    def top_table(self, key: str, fields: Sequence[str], lines: FieldLines) -> SiteTable:
+        """Return a table of the file of which this is the whole, such as [load]; empty if
+        it is left out.
+
+        Args:
+            key: Name of the table.
+            fields: Names of the fields that it may have.
+            lines: Lines of all fields of the file.
+
+        Raises:
+            DataError: If it is no table, or has another field.
+        """
+        values = self.values.get(key, {})
+        if not isinstance(values, dict):
+            self.fail(key, "it must be a table.")
+        return self._inner(key, key, values, fields, lines)
+
+    def _inner(
+        self,
+        key: str,
+        name: str,
+        values: dict[str, Any],
+        fields: Sequence[str],
+        lines: FieldLines,
+    ) -> SiteTable:
+        """Return the table of a field, which messages call by a name."""
         # A table that is written in one line, {...}, has the line of its field.
         own_lines = lines.get((name, 0), {"": self.lines.get(key, self.lines.get("", 1))})
         return SiteTable(self.path, name, values, own_lines, fields)

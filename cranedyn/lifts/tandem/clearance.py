@@ -24,6 +24,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.lifts.sites.distance_proof import ROUNDING, least_distances
+from cranedyn.lifts.sites.obstacles import Obstacles
 from cranedyn.lifts.sites.placed_capsules import PlacedCapsules, place_capsules
 from cranedyn.lifts.tandem.simulation import TandemRun
 
@@ -129,19 +130,12 @@ def _from_obstacles(run: TandemRun, moving: Sequence[_Moving]) -> Iterator[Tande
     obstacles = run.lift.site.obstacles
     kinds = {solid.zone for solid in run.lift.site.solids}
     for thing in moving:
+        at_rows = _margins(obstacles, thing.at_rows(), hangs=thing.hangs)
+        bounds = _margins(obstacles, thing.inflated(), hangs=thing.hangs)
         for zones in sorted(kinds):
             if zones and not thing.hangs:
                 continue
-            nearest = np.full(thing.swept.shape, np.inf)
-            bounds = np.full(thing.swept.shape, np.inf)
-            for place in np.ndindex(*thing.swept.shape):
-                radius = float(thing.radius[place[1]])
-                swept = float(thing.swept[place])
-                ends = thing.ends[place]
-                margins = obstacles.margins(ends, radius + swept, hangs=thing.hangs)
-                bounds[place] = margins.from_zones if zones else margins.from_solids
-                margins = obstacles.margins(ends, radius, hangs=thing.hangs)
-                nearest[place] = margins.from_zones if zones else margins.from_solids
+            nearest = at_rows.of(zones=zones)
             interval, capsule = np.unravel_index(int(np.argmin(nearest)), nearest.shape)
             name = obstacles.nearest(
                 thing.ends[interval, capsule], float(thing.radius[capsule]), zones=zones
@@ -150,9 +144,37 @@ def _from_obstacles(run: TandemRun, moving: Sequence[_Moving]) -> Iterator[Tande
                 f"{thing.name} and {name}",
                 float(nearest[interval, capsule]),
                 float(run.t[interval]),
-                float(bounds.min()),
+                float(bounds.of(zones=zones).min()),
                 from_zone=zones,
             )
+
+
+class _Margins(NamedTuple):
+    """Distances of capsules from the obstacles of a site [m], shape (intervals, capsules) each.
+
+    Attributes:
+        from_solids: From the nearest solid.
+        from_zones: From the nearest zone; inf for what does not hang.
+    """
+
+    from_solids: np.ndarray
+    from_zones: np.ndarray
+
+    def of(self, *, zones: bool) -> np.ndarray:
+        """Return those from zones, or else those from solids."""
+        return self.from_zones if zones else self.from_solids
+
+
+def _margins(obstacles: Obstacles, capsules: PlacedCapsules, *, hangs: bool) -> _Margins:
+    """Return the distances of capsules in each interval, see `Obstacles.margins`."""
+    found = _Margins(np.empty(capsules.radius.shape), np.empty(capsules.radius.shape))
+    for place in np.ndindex(*capsules.radius.shape):
+        margins = obstacles.margins(
+            capsules.ends[place], float(capsules.radius[place]), hangs=hangs
+        )
+        found.from_solids[place] = margins.from_solids
+        found.from_zones[place] = margins.from_zones
+    return found
 
 
 def _structure(run: TandemRun, crane: int, *, moving: bool = False) -> _Moving:
@@ -165,7 +187,8 @@ def _structure(run: TandemRun, crane: int, *, moving: bool = False) -> _Moving:
     bodies = station.bodies
     kept = np.flatnonzero(~bodies.hangs & ((bodies.joint > 0) | (not moving)))
     boxes = run.drives[crane].intervals(run.t)
-    low, high = (site.positions(index, boxes[:, end]) for end in range(2))
+    low = site.positions(index, boxes[:, 0])
+    high = site.positions(index, boxes[:, 1])
     intervals = len(boxes)
     placed = place_capsules(
         site.bodies,

@@ -22,6 +22,7 @@ from cranedyn.checks import finite, number
 from cranedyn.clocks import clocks
 from cranedyn.data.time_series import ColumnSeries
 from cranedyn.errors import OutOfRange, RunError
+from cranedyn.lifts.sites.crane_site import Station
 from cranedyn.lifts.tandem.drives import TandemDrives
 from cranedyn.lifts.tandem.load import RopeForce
 from cranedyn.lifts.tandem.load_wind import LoadWind, WindOnLoad
@@ -225,22 +226,38 @@ def planned_run(plan: TandemPlan) -> TandemRun:
     """
     lift = plan.lift
     poses = plan.poses
-    angles = poses.rotations.as_euler("xyz")
-    values = {f"load_{axis}_m": poses.centres[:, i] for i, axis in enumerate("xyz")}
-    values |= {name: angles[:, i] for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
-    for name, station, motion in zip(lift.names, lift.stations, plan.drives, strict=True):
+    values = _load_columns(poses.centres, poses.rotations)
+    for station, motion in zip(lift.stations, plan.drives, strict=True):
         position = motion.at(poses.t).position
         q, _ = station.plumb(position)
-        pivot = station.rope(q).pivot
-        for j, axis in enumerate("xyz"):
-            values[f"{name}_pivot_{axis}_m"] = pivot[:, j]
-        for j, joint in enumerate(station.crane.layout.driven):
-            values[f"{name}_{joint.symbol}_{joint.unit}"] = position[:, j]
+        values |= _crane_columns(station, station.rope(q).pivot, position)
     moved = np.linalg.norm(np.diff(poses.centres, axis=0), axis=1)
     turned = (poses.rotations[:-1].inv() * poses.rotations[1:]).magnitude()
     values["travel_m"] = np.concatenate([[0.0], np.cumsum(moved + _extent(lift) * turned)])
     start = LoadPose(poses.centres[0], poses.rotations[0])
     return TandemRun(poses.t, values, lift, start, plan.drives)
+
+
+def _load_columns(centres: np.ndarray, rotations: Rotation) -> dict[str, np.ndarray]:
+    """Return the columns of places of the centre of mass [m], shape (rows, 3), and of rotations of
+    the load; `TandemRun.centres` and `TandemRun.rotations` take them back.
+    """
+    angles = rotations.as_euler("xyz")
+    columns = {f"load_{axis}_m": centres[:, i] for i, axis in enumerate("xyz")}
+    columns |= {name: angles[:, i] for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
+    return columns
+
+
+def _crane_columns(
+    station: Station, pivots: np.ndarray, positions: np.ndarray
+) -> dict[str, np.ndarray]:
+    """Return the columns of the pivot of a crane [m], shape (rows, 3), and of the positions of its
+    drives, shape (rows, m).
+    """
+    columns = {f"{station.name}_pivot_{axis}_m": pivots[:, j] for j, axis in enumerate("xyz")}
+    for j, joint in enumerate(station.crane.layout.driven):
+        columns[f"{station.name}_{joint.symbol}_{joint.unit}"] = positions[:, j]
+    return columns
 
 
 class _EnergyFlow(NamedTuple):
@@ -368,18 +385,13 @@ def _run(
     """Return the recorded rows as a run."""
     steps = np.array([row.step for row in rows])
     q = np.array([row.q for row in rows])
-    angles = Rotation.from_quat(q[:, 3:]).as_euler("xyz")
-    values = {f"load_{axis}_m": q[:, i] for i, axis in enumerate("xyz")}
-    values |= {name: angles[:, i] for i, name in enumerate(("roll_rad", "pitch_rad", "yaw_rad"))}
+    values = _load_columns(q[:, :3], Rotation.from_quat(q[:, 3:]))
     for i, (name, station) in enumerate(zip(lift.names, lift.stations, strict=True)):
         pulls = [row.pulls[i] for row in rows]
         upwards = np.array([pull.direction[2] for pull in pulls])
         values[f"{name}_tension_N"] = np.array([pull.tension for pull in pulls])
         values[f"{name}_inclination_rad"] = np.arccos(np.clip(upwards, -1.0, 1.0))
-        for j, axis in enumerate("xyz"):
-            values[f"{name}_pivot_{axis}_m"] = ropes.pivots[i][steps, j]
-        for j, joint in enumerate(station.crane.layout.driven):
-            values[f"{name}_{joint.symbol}_{joint.unit}"] = ropes.positions[i][steps, j]
+        values |= _crane_columns(station, ropes.pivots[i][steps], ropes.positions[i][steps])
     values["energy_J"] = np.array([_energy(lift, row) for row in rows])
     for name in _EnergyFlow._fields:
         values[f"{name}_J"] = np.array([getattr(row.energy, name) for row in rows])

@@ -7,12 +7,12 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from cranedyn.disturbances.wind import Speed, cosine_gust, steady
 from cranedyn.errors import CraneError
 from cranedyn.lifts.planning.site_file import read_fields
-from cranedyn.lifts.planning.site_table import FieldLines, SiteTable, names_of
+from cranedyn.lifts.planning.site_table import SiteTable, names_of
 from cranedyn.lifts.sites.crane_site_file import SITE_FIELDS, crane_site_of
 from cranedyn.lifts.tandem.judgement import TandemRequirements
 from cranedyn.lifts.tandem.load import LUGS, TandemLoad, TandemRope
@@ -90,7 +90,10 @@ def read_tandem(path: str | Path) -> TandemJob:
             range, with its line.
     """
     top, lines = read_fields(Path(path), [*SITE_FIELDS, *_TABLES])
-    tables = {name: _table(top, name, fields, lines) for name, fields in _TABLES.items()}
+    for name in _TABLES:
+        if name not in top.values and name != "load_wind":
+            top.fail(name, f"there is none; a tandem lift needs a table [{name}].")
+    tables = {name: top.top_table(name, fields, lines) for name, fields in _TABLES.items()}
     site = crane_site_of(top, lines)
     tandem = tables["tandem"]
     names = tandem.take("cranes", names_of)
@@ -106,10 +109,6 @@ def read_tandem(path: str | Path) -> TandemJob:
         lift = TandemLift(site, (names[0], names[1]), load, rope)
     except CraneError as error:
         tandem.fail("cranes", error)
-    falls = tandem.whole("falls") if "falls" in tandem.values else None
-    inclination = None
-    if "inclination" in tandem.values:
-        inclination = tandem.angle("inclination", allowed="0 to 90")
     return TandemJob(
         name=site.name,
         lift=lift,
@@ -118,20 +117,11 @@ def read_tandem(path: str | Path) -> TandemJob:
         yaw=tandem.angle("heading"),
         via=tandem.points("via") if "via" in tandem.values else None,
         wind=_wind(tables["load_wind"]),
-        requirements=TandemRequirements(inclination, falls),
+        requirements=TandemRequirements(
+            inclination=tandem.optional_angle("inclination", "0 to 90"),
+            falls=tandem.optional_whole("falls"),
+        ),
     )
-
-
-def _table(top: SiteTable, name: str, fields: Sequence[str], lines: FieldLines) -> SiteTable:
-    """Return a table of the file, which only the wind may leave out.
-
-    Raises:
-        DataError: If it is missing or no table.
-    """
-    values: Any = top.values.get(name, {} if name == "load_wind" else None)
-    if not isinstance(values, dict):
-        top.fail(name, f"there is none; a tandem lift needs a table [{name}].")
-    return SiteTable(top.path, name, values, lines.get((name, 0), {}), fields)
 
 
 def _load(table: SiteTable) -> TandemLoad:

@@ -54,28 +54,28 @@ def plan_around(
     """
     required = lift.site.distance if distance is None else number("distance", distance, "m", ">= 0")
     straight = plan_tandem(lift, start, goal, yaw=yaw)
-    nearest = _nearest(planned_run(straight), required)
+    run = planned_run(straight)
+    nearest = _nearest(run, required)
     if nearest.spare >= SPARE:
         return straight
-    _refuse_ends(straight, required)
+    _refuse_ends(run, required)
     best = nearest
     begin = max(float(straight.start[2]), float(straight.goal[2]))
     level = begin
-    reach = ""
     # The hoists or the jibs end the search, whose messages say so.
-    while not reach:
-        level += RAISE_STEP
-        raised = [[float(end[0]), float(end[1]), level] for end in (straight.start, straight.goal)]
+    while True:
+        above = level + RAISE_STEP
+        raised = [[float(end[0]), float(end[1]), above] for end in (straight.start, straight.goal)]
         try:
             plan = plan_tandem(lift, start, goal, yaw=yaw, via=raised)
         except CraneError as error:
-            reach = str(error)
-            continue
+            reason = _no_way(nearest, best, required, level - begin, str(error))
+            raise NoWay(reason) from None
+        level = above
         found = _nearest(planned_run(plan), required)
         if found.spare >= SPARE:
             return plan
         best = max(best, found, key=lambda distance: distance.spare)
-    raise NoWay(_no_way(nearest, best, required, level - RAISE_STEP - begin, reach))
 
 
 class _Nearest(NamedTuple):
@@ -104,13 +104,13 @@ def _nearest(run: TandemRun, required: float) -> _Nearest:
     return min(found, key=lambda nearest: nearest.spare)
 
 
-def _refuse_ends(plan: TandemPlan, required: float) -> None:
-    """Refuse a start or a goal at which the load is too near to something: no way helps.
+def _refuse_ends(run: TandemRun, required: float) -> None:
+    """Refuse a start or a goal of a planned motion at which the load is too near to something: no
+    way helps.
 
     Raises:
         NoWay: With what it is too near to, and the distance that is missing.
     """
-    run = planned_run(plan)
     for name, rows in (("start", slice(0, 2)), ("goal", slice(-2, None))):
         nearest = _nearest(run.rows(rows), required)
         missing = SPARE - nearest.spare

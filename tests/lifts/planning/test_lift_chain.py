@@ -129,7 +129,8 @@ def test_the_empty_hook_moves_with_its_own_size_and_mass() -> None:
         expected = chain.sizes[move.load] if move.load else chain.hook.size
         np.testing.assert_allclose(sorted(size), sorted(expected), atol=1e-9)
     # Where the hook takes a load, the end of the rope stays where it is.
-    before, after = chain.moves[0].lift, chain.moves[1].lift
+    before = chain.moves[0].lift
+    after = chain.moves[1].lift
     assert after.lug - before.lug == pytest.approx(1.0 / 2.0 + chain.hook.size[2] / 2.0)
     end = stacked().run.stages[0].q[-1]
     hook = payload_position(before.crane, end)
@@ -144,7 +145,8 @@ def test_a_recording_shows_loads_where_they_stand_and_hang(tmp_path: Path) -> No
     file = record_chain(tmp_path / "chain.rrd", stacked())
     t, places = rows(file, "scene/crate", "Transform3D:translation")
     seconds = 1e-9 * np.asarray(t, dtype=float)
-    begin, end = stacked().chain.begins[3], stacked().chain.begins[4]
+    begin = stacked().chain.begins[3]
+    end = stacked().chain.begins[4]
     waiting = places[seconds < begin - 0.1]
     np.testing.assert_allclose(
         waiting, np.broadcast_to([8.0, -17.0, 0.4], waiting.shape), atol=0.01
