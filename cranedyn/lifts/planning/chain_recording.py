@@ -50,7 +50,7 @@ def record_chain(path: str | Path, certified: CertifiedChain, *, title: str = "L
     # Where each load stands until it is carried, and from then on.
     standing = {
         name: _Poses(load.centre[None], rotation_z(load.yaw)[None])
-        for name, load in chain.before.items()
+        for name, load in chain.initial_loads.items()
     }
     for move, piece in zip(chain.moves, certified.run.stages, strict=True):
         step = max(1, round(_ROW_PERIOD / float(piece.t[1] - piece.t[0])))

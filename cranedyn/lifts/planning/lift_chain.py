@@ -1,15 +1,17 @@
 """Planned lifts of one crane, one after the other: the empty hook comes, takes a load, sets it down
 on what is below, is released from it, and goes to the next one.
 
-Each move, with a load or without, is a lift from the ground or to it
-(`cranedyn.lifts.planning.ground_lift`): planned, controlled and proven alike. The load of a move of
-the empty hook is the hook block itself, with its own size and mass, which stands on a load while it
-is hooked on or released. All loads that are not carried stand still, and are obstacles: before
-their lift where they are picked up, and after it where they were planned to stand, wider by the
-tolerance of a set-down on each side.
+Each move, with a load or without, begins or ends standing on something: on the ground, on a roof,
+or on another load. It is planned, controlled and proven as a lift from the ground
+(`cranedyn.lifts.planning.ground_lift`). The load of a move of the empty hook is the hook block
+itself, with its own size and mass, which stands on a load while it is hooked on or released. All
+loads that are not carried stand still, and are obstacles: before their lift where they are picked
+up, and after it where they were planned to stand, wider by the tolerance of a set-down on each
+side.
 
-`certify_chain` simulates all moves in one run, by `cranedyn.simulation.stages.simulate_stages`: a
-load is attached to the hook where the hook stands on it, and released where it stands.
+`certify_chain` simulates all moves in one run, by `cranedyn.simulation.stages.simulate_stages`, and
+checks them: a load is attached to the hook where the hook stands on it, and released where it
+stands.
 """
 
 from __future__ import annotations
@@ -51,12 +53,12 @@ from cranedyn.simulation.stages import LoadStage, StagedRun, simulate_stages
 from cranedyn.verdict import Check
 
 _LEVEL_TOLERANCE = 0.01
-"""Largest difference of height between a load and the box that stands for it [m]: some static sinks
-of a load into what it stands on."""
+"""Largest difference of height between a load that is released and where it was planned to stand
+[m]: some times the 2 mm by which a load sinks into what it stands on."""
 
 ENERGY_TOLERANCE = 1e-3
-"""Largest energy of a chain that nothing accounts for, over what its largest load brings: of the
-step, as in `experiments.hook`."""
+"""Largest energy of a chain that nothing accounts for, over the largest energy that a load brings as
+it is attached: the error of the physics step."""
 
 _TURN = 2.0 * math.pi
 """A full turn [rad]."""
@@ -138,14 +140,14 @@ class ChainMove(NamedTuple):
         load: Name of the load that is carried; "" for the empty hook.
         lift: The move, as a lift from the ground or to it.
         duration: Its duration, with the time for which the hook stands still at the end [s].
-        stands: Where the load is planned to stand after it; None for the empty hook.
+        set_down: Where the load is planned to stand after it; None for the empty hook.
     """
 
     name: str
     load: str
     lift: GroundLift
     duration: float
-    stands: StandingLoad | None
+    set_down: StandingLoad | None
 
 
 @dataclass(frozen=True, eq=False)
@@ -155,14 +157,14 @@ class LiftChain:
     Attributes:
         site: The site, without the loads of the chain.
         moves: The moves, in order: to the first load, with it, to the second load, and so on.
-        before: Where each load stands before its lift, by name.
+        initial_loads: Where each load stands before its lift, by name.
         sizes: Sides of each load [m], by name.
         hook: The hook block.
     """
 
     site: Site
     moves: tuple[ChainMove, ...]
-    before: Mapping[str, StandingLoad]
+    initial_loads: Mapping[str, StandingLoad]
     sizes: Mapping[str, tuple[float, float, float]]
     hook: HookBlock
 
@@ -305,15 +307,16 @@ class _Planner:
         self._limits = limits
         self._gravity = gravity
         self._period = period
+        # Each move has a payload of its own.
         self._values = {name: value for name, value in values.items() if name != "payload_mass"}
         clearance = clearance_of(self._crane(site), site)
-        # The crane with the load of the site, from which all others differ in their load alone.
-        self._given = tower_clearance(clearance, "A chain of lifts")
+        # Of the crane with the load of the site, from which all others differ in their load alone.
+        self._given_clearance = tower_clearance(clearance, "A chain of lifts")
         self._masses = self._load_masses()
         self.sizes = self._load_sizes()
         self.hook = self._hook_block()
-        # It is the same in all moves.
-        self._drum_inertia = drum_inertia_of(self._given, max(self._masses.values()))
+        # The drum does not change with the load, so that it has one inertia in all moves.
+        self._drum_inertia = drum_inertia_of(self._given_clearance, max(self._masses.values()))
         self._standing: dict[str, StandingLoad] = {}
         self._moves: list[ChainMove] = []
 
@@ -322,15 +325,15 @@ class _Planner:
         for lift in self._listed.lifts:
             site = self._carrying(lift)
             clearance = clearance_of(self._crane(site), site)
-            self._standing[lift.name] = self._stands(clearance, lift, lift.start, "start")
-        before = dict(self._standing)
+            self._standing[lift.name] = self._load_set_down(clearance, lift, lift.start, "start")
+        initial_loads = dict(self._standing)
         place = self._home()
         for lift in self._listed.lifts:
-            self._add_empty(f"to {lift.name}", place, lift.start)
-            self._add_loaded(lift)
+            self._plan_empty_move(f"to {lift.name}", place, lift.start)
+            self._plan_loaded_move(lift)
             place = lift.goal
-        self._add_empty("home", place, self._home())
-        return LiftChain(self._site, tuple(self._moves), before, self.sizes, self.hook)
+        self._plan_empty_move("home", place, self._home())
+        return LiftChain(self._site, tuple(self._moves), initial_loads, self.sizes, self.hook)
 
     # --- hook and loads ---------------------------------------------------------------------------
 
@@ -341,15 +344,15 @@ class _Planner:
 
     def _load_masses(self) -> dict[str, float]:
         """Return the mass of each load with hook and slings [kg]."""
-        given = self._given.crane
+        site_crane = self._given_clearance.crane
         masses = {}
         for lift in self._listed.lifts:
-            masses[lift.name] = given.payload_mass if lift.mass is None else lift.mass
+            masses[lift.name] = site_crane.payload_mass if lift.mass is None else lift.mass
         return masses
 
     def _load_sizes(self) -> dict[str, tuple[float, float, float]]:
         """Return the sides of each load [m]."""
-        load = self._given.bodies.load if self._site.load is None else self._site.load
+        load = self._given_clearance.bodies.load if self._site.load is None else self._site.load
         width, length, height = np.ptp(load, axis=0).tolist()
         sizes = {}
         for lift in self._listed.lifts:
@@ -377,7 +380,7 @@ class _Planner:
         size = self._listed.hook_size
         if size is None:
             # Slings that are spread over a load hang together below the block when it is gone.
-            bodies = self._given.bodies
+            bodies = self._given_clearance.bodies
             size = (2.0 * bodies.falls, 2.0 * bodies.falls, float(bodies.hook.size[2]))
         for name, sides in self.sizes.items():
             if size[0] > sides[0] or size[1] > sides[1]:
@@ -394,8 +397,8 @@ class _Planner:
         """
         if self._listed.home is not None:
             return self._listed.home
-        drives = self._given.crane.start.q[self._given.drive_joints]
-        return self._site.to_site(self._given.point(drives))
+        drives = self._given_clearance.crane.start.q[self._given_clearance.drive_joints]
+        return self._site.to_site(self._given_clearance.point(drives))
 
     # --- sites ------------------------------------------------------------------------------------
 
@@ -416,10 +419,10 @@ class _Planner:
         others = [load.box for name, load in self._standing.items() if name != lift.name]
         return self._with_load(self.sizes[lift.name], self._masses[lift.name], others)
 
-    def _stands(
+    def _load_set_down(
         self, clearance: Clearance, lift: ChainedLift, place: np.ndarray, label: str
     ) -> StandingLoad:
-        """Return the load of a lift, which the crane carries, where it stands.
+        """Return the load of a lift as it stands where the crane has set it down.
 
         Raises:
             NoWay: If it would tip, with the name of the lift.
@@ -440,23 +443,23 @@ class _Planner:
 
     # --- moves ------------------------------------------------------------------------------------
 
-    def _add_empty(self, name: str, start: np.ndarray, goal: np.ndarray) -> None:
-        """Add a move of the empty hook, between places on which it stands on a load, shape (2,), or
+    def _plan_empty_move(self, name: str, start: np.ndarray, goal: np.ndarray) -> None:
+        """Plan a move of the empty hook between places on which it stands on a load, shape (2,), or
         where it hangs, shape (3,).
         """
         standing = [load.box for load in self._standing.values()]
         site = self._with_load(self.hook.size, self.hook.mass, standing)
-        # The load is the hook itself, with nothing besides.
+        # The load of this move is the hook itself, in whose mass the rigging is contained already.
         site = replace(site, rigging={})
-        lift = self._ground_lift(name, site, start, goal, None)
+        lift = self._ground_lift(name, site, start, goal, hook=None)
         self._moves.append(ChainMove(name, "", lift, self._duration(lift), None))
 
-    def _add_loaded(self, lift: ChainedLift) -> None:
-        """Add the move of a load, which then stands at its goal."""
+    def _plan_loaded_move(self, lift: ChainedLift) -> None:
+        """Plan the move of a load, which then stands at its goal."""
         moved = self._ground_lift(lift.name, self._carrying(lift), lift.start, lift.goal, self.hook)
-        stands = self._stands(moved.lift.clearance, lift, lift.goal, "goal")
-        self._standing[lift.name] = stands
-        self._moves.append(ChainMove(lift.name, lift.name, moved, self._duration(moved), stands))
+        set_down = self._load_set_down(moved.lift.clearance, lift, lift.goal, "goal")
+        self._standing[lift.name] = set_down
+        self._moves.append(ChainMove(lift.name, lift.name, moved, self._duration(moved), set_down))
 
     def _ground_lift(
         self,
@@ -490,8 +493,9 @@ class _Planner:
             raise NoWay(f"{name}: {error}") from None
 
     def _from_where_it_is(self, lift: Lift) -> Lift:
-        """Return a lift with its slew by full turns nearer to where the jib is: a lift that goes
-        round the mast ends a turn away from where the next one is planned to begin.
+        """Return a lift with its slew moved by whole turns, so that it begins at the angle at which
+        the move before it has ended: one that goes round the mast ends a turn away from where the
+        next one is planned to begin.
         """
         turning = lift.clearance.turning
         if not self._moves or turning is None:
@@ -499,15 +503,15 @@ class _Planner:
         slew = int(lift.clearance.drive_joints[turning])
         now = float(self._moves[-1].lift.motion.q[-1, slew])
         motion = lift.timed.motion
-        turns = _TURN * round((now - float(motion.q[0, slew])) / _TURN)
-        if turns == 0.0:
+        shift = _TURN * round((now - float(motion.q[0, slew])) / _TURN)
+        if shift == 0.0:
             return lift
         q = motion.q.copy()
-        q[:, slew] += turns
+        q[:, slew] += shift
         ends = lift.ends.copy()
-        ends[:, turning] += turns
+        ends[:, turning] += shift
         free = lift.slews
-        slews = free._replace(low=free.low + turns, high=free.high + turns)
+        slews = free._replace(low=free.low + shift, high=free.high + shift)
         timed = replace(lift.timed, motion=replace(motion, q=q))
         return replace(lift, ends=ends, slews=slews, timed=timed)
 
@@ -545,11 +549,12 @@ def certify_chain(chain: LiftChain, *, dt: float = 5e-4) -> CertifiedChain:
     )
     checks = []
     for move, piece in zip(chain.moves, run.stages, strict=True):
-        own = replace(piece, t=piece.t - piece.t[0])
-        checks.append(tuple(ground_lift_checks(move.lift, own)))
+        # The checks of a move are about the times of its own plan, which begins at 0.
+        in_move_time = replace(piece, t=piece.t - piece.t[0])
+        checks.append(tuple(ground_lift_checks(move.lift, in_move_time)))
     whole = [_energy_check(run)]
     for move, piece in zip(chain.moves, run.stages, strict=True):
-        if move.stands is not None:
+        if move.set_down is not None:
             whole.append(_standing_check(chain, move, piece))
     return CertifiedChain(chain, run, tuple(checks), tuple(whole))
 
@@ -574,26 +579,25 @@ def _energy_check(run: StagedRun) -> Check:
     moved = max(abs(change.brought) for change in run.changes)
     lost = sum(change.lost for change in run.changes)
     return Check(
-        f"The energy of the whole run adds up across {len(run.changes)} changes of the load to "
-        f"{left:.1f} J, {100.0 * ENERGY_TOLERANCE:g} % of the {moved / 1e3:.1f} kJ that a load "
-        f"brings are allowed; attaching loses {lost:.3f} J.",
+        f"Across {len(run.changes)} changes of the load {left:.1f} J of the energy of the whole "
+        f"run are unexplained at most; allowed are {100.0 * ENERGY_TOLERANCE:g} % of the "
+        f"{moved / 1e3:.1f} kJ that a load brings. Attaching loses {lost:.3f} J.",
         left <= ENERGY_TOLERANCE * moved,
     )
 
 
 def _standing_check(chain: LiftChain, move: ChainMove, piece: Trajectory) -> Check:
     """Return whether a load stands in the box that stands for it in later moves."""
-    assert move.stands is not None
-    corners = chain.site.to_site(load_corners(move.lift, piece.q[-1])) - move.stands.centre
-    aside = float(np.linalg.norm(corners.mean(axis=0)[:2]))
-    # The corners along the axes of the box.
-    own = corners @ rotation_z(move.stands.yaw)
-    half = np.array(chain.sizes[move.load]) / 2.0
-    beyond = np.abs(own).max(axis=0) - half
-    allowed = np.array([GOAL_TOLERANCE, GOAL_TOLERANCE, _LEVEL_TOLERANCE])
+    assert move.set_down is not None
+    corners = chain.site.to_site(load_corners(move.lift, piece.q[-1])) - move.set_down.centre
+    in_box_axes = corners @ rotation_z(move.set_down.yaw)
+    half_sides = np.array(chain.sizes[move.load]) / 2.0
+    beyond = np.abs(in_box_axes).max(axis=0) - half_sides
+    aside = float(beyond[:2].max())
     return Check(
-        f"{move.load}: it stands {1e3 * aside:.1f} mm beside its planned place when it is "
-        f"released, and within the box that later moves keep from ({1e3 * GOAL_TOLERANCE:g} mm "
-        "on each side).",
-        bool((beyond <= allowed).all()),
+        f"{move.load}: when it is released, its corners are {1e3 * max(aside, 0.0):.1f} mm beside "
+        f"its planned place at most, {1e3 * GOAL_TOLERANCE:g} allowed, by which later moves keep "
+        f"farther away, and {1e3 * max(float(beyond[2]), 0.0):.1f} mm above or below it, "
+        f"{1e3 * _LEVEL_TOLERANCE:g} allowed.",
+        bool(aside <= GOAL_TOLERANCE and beyond[2] <= _LEVEL_TOLERANCE),
     )
