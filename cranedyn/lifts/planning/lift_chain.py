@@ -57,8 +57,8 @@ _LEVEL_TOLERANCE = 0.01
 [m]: some times the 2 mm by which a load sinks into what it stands on."""
 
 ENERGY_TOLERANCE = 1e-3
-"""Largest energy of a chain that nothing accounts for, over the largest energy that a load brings as
-it is attached: the error of the physics step."""
+"""Largest energy of a chain that nothing accounts for, over the largest energy that a load brings
+as it is attached: the error of the physics step."""
 
 _TURN = 2.0 * math.pi
 """A full turn [rad]."""
