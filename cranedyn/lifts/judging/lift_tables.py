@@ -27,9 +27,10 @@ from cranedyn.lifts.judging.plan_tables import (
 from cranedyn.lifts.judging.table import Row, Table
 from cranedyn.lifts.judging.wind_limit import (
     DIRECTIONS,
-    DURATIONS,
     FAILED_SHARE,
     GUST_FACTOR,
+    LONGEST_GUST,
+    SHORTEST_GUST,
     STEP,
     WindLimit,
 )
@@ -455,13 +456,12 @@ def _is_shown(speed: float, limit: WindLimit) -> bool:
 
 def limit_text(limit: WindLimit) -> str:
     """Return what the limit of a load in wind rests on, in sentences."""
-    shortest, longest = min(DURATIONS), max(DURATIONS)
     if limit.limit() == 0.0:
         return f"The weakest gust that is tried, {STEP:g} m/s, breaks a limit."
     return (
         f"At {limit.limit():g} m/s none of {limit.at_limit} gusts breaks a limit: a grid from "
-        f"{DIRECTIONS} sides, {shortest:g} to {longest:g} s long, beginning at any time of the "
-        "lift, others about the worst of the grid, which do not depend on chance, and "
+        f"{DIRECTIONS} sides, {SHORTEST_GUST:g} to {LONGEST_GUST:g} s long, beginning at any time "
+        "of the lift, others about the worst of the grid, which do not depend on chance, and "
         f"{limit.drawn} drawn at random, by which, with {100.0 * CONFIDENCE:g} % confidence, at "
         f"most {100.0 * limit.largest_share:.2g} % of such gusts do."
     )

@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cranedyn import theory
 from cranedyn.checks import whole, within
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.lifts.judging.chart import CUT_OUT, Chart
@@ -50,7 +51,7 @@ STARTS_IN_PERIOD = 4
 """Number of starts of gusts of the grid in a period of the swing. What a gust adds goes with the
 cosine of the phase, so that one of them has 92 % of the worst or more."""
 
-DURATIONS = (3.0, 6.0, 9.0, 12.0)
+DURATIONS = (SHORTEST_GUST, 6.0, 9.0, LONGEST_GUST)
 """Durations of the gusts of the grid [s]. A load on 10 to 40 m of rope swings most in a gust of 0.8
 to 1.2 of its period, 5 to 15 s, and nearly as much in one that is a quarter longer or shorter."""
 
@@ -238,7 +239,7 @@ class _GustRanges:
         lift = certificate.lift
         arrival = lift.timed.motion.arrival
         shortest_cable = float(np.min(lift.clearance.cable(certificate.run.q)))
-        period = 2.0 * math.pi * math.sqrt(shortest_cable / lift.crane.gravity)
+        period = float(theory.point_period(shortest_cable, lift.crane.gravity))
         start_count = max(2, math.ceil(arrival * STARTS_IN_PERIOD / period) + 1)
         return cls(
             lowest=np.array([0.0, SHORTEST_GUST, -math.pi]),
