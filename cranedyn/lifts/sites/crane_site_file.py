@@ -73,10 +73,10 @@ SITE_FIELDS = ("ground", "distance", "swing", "wind", "hooking", "crane", *SOLID
 _LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after", "report")
 """Fields of a lift."""
 
-_DEFAULT_KIND = "tower"
+DEFAULT_KIND = "tower"
 """Kind of a crane that names no other one, of `cranedyn.lifts.planning.site.KINDS`."""
 
-_MODEL_ENDING = "_crane"
+MODEL_ENDING = "_crane"
 """What `model`, another name of `kind`, has behind the kind."""
 
 _ENTERED_BY = {
@@ -334,16 +334,16 @@ def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
         return crane, {"accelerations": read_machine(machine).accelerations}
     kind = _kind(entry)
     # None is the tower crane.
-    description = None if kind == _DEFAULT_KIND else XACRO.with_name(f"{kind}_crane.urdf.xacro")
+    description = None if kind == DEFAULT_KIND else XACRO.with_name(f"{kind}_crane.urdf.xacro")
     return load_crane(description, values=values or None), {}
 
 
 def _kind(entry: SiteTable) -> str:
     """Return the kind of a crane of this project, from the field `kind` or `model`."""
     field = "model" if "model" in entry.values else "kind"
-    ending = _MODEL_ENDING if field == "model" else ""
+    ending = MODEL_ENDING if field == "model" else ""
     known = [kind + ending for kind in KINDS]
-    return entry.choice(field, known, _DEFAULT_KIND + ending).removesuffix(ending)
+    return entry.choice(field, known, DEFAULT_KIND + ending).removesuffix(ending)
 
 
 def _has_own_brakes(entry: SiteTable) -> bool:

@@ -25,9 +25,10 @@ import numpy as np
 from cranedyn.data.files import parse_toml, read_text, write_text
 from cranedyn.errors import DataError, quoted
 from cranedyn.lifts.judging.plan_inputs import named_files
-from cranedyn.lifts.planning.site import DescribedCrane
+from cranedyn.lifts.planning.site import CRANE_HEADING, DescribedCrane
 from cranedyn.lifts.planning.site_file import SOLIDS
 from cranedyn.lifts.sites.crane_site import Station
+from cranedyn.lifts.sites.crane_site_file import DEFAULT_KIND, MODEL_ENDING
 from cranedyn.lifts.sites.shift_plan import PlannedLift, ShiftPlan
 from cranedyn.lifts.sites.timetable import clock_time, load_of
 
@@ -134,11 +135,11 @@ def _lift_site(
         content["load"] |= {"area": site.working_wind.area, "drag": 1.0}
     for kind in SOLIDS:
         content[kind] = copy.deepcopy(entered.get(kind, []))
-    for i, other in enumerate(site.stations):
+    for i in range(len(site.stations)):
         if i == index:
             continue
         neighbour = _neighbour(shift, i, entered["crane"][i], planned.off)
-        if _shares_runway(station, other):
+        if site.share_runway(index, i):
             neighbour["on_runway"] = True
         content["neighbour"].append(neighbour)
     for tables in (entered, of_crane, of_lift):
@@ -153,17 +154,13 @@ def _crane(station: Station, entry: Mapping[str, Any]) -> Content:
     crane = _described(entry)
     values = dict(entry.get("values", {}))
     values.pop("payload_mass", None)  # [load] has the mass
-    crane |= {"position": np.asarray(station.foot, dtype=float).tolist()}
-    description = DescribedCrane(
-        kind=crane.get("kind"),
-        machine=crane.get("machine"),
-        file=Path(crane["file"]) if "file" in crane else None,
-    )
-    if description.is_tower:
+    crane["position"] = np.asarray(station.foot, dtype=float).tolist()
+    # A crane of a file is neither of a kind nor a machine, and so no tower crane.
+    if DescribedCrane(kind=crane.get("kind"), machine=crane.get("machine")).is_tower:
         crane["heading"] = math.degrees(station.heading)
     else:
-        # The angle by which its axes are turned: a jib along -Y is not turned.
-        crane["yaw"] = math.degrees(station.heading) + 90.0
+        # The angle by which its axes are turned.
+        crane["yaw"] = math.degrees(station.heading) - math.degrees(CRANE_HEADING)
     if values:
         crane["values"] = values
     if "chart" in entry:
@@ -177,8 +174,9 @@ def _described(entry: Mapping[str, Any]) -> Content:
         return {"file": entry["urdf"]}
     if "machine" in entry:
         return {"machine": entry["machine"]}
-    model = str(entry.get("model", "tower_crane"))
-    return {"kind": entry.get("kind", model.removesuffix("_crane"))}
+    if "model" in entry:
+        return {"kind": entry["model"].removesuffix(MODEL_ENDING)}
+    return {"kind": entry.get("kind", DEFAULT_KIND)}
 
 
 def _neighbour(shift: ShiftPlan, index: int, entry: Mapping[str, Any], t: float) -> Content:
@@ -206,11 +204,6 @@ def _neighbour(shift: ShiftPlan, index: int, entry: Mapping[str, Any], t: float)
     if "values" in entry:
         neighbour["values"] = dict(entry["values"])
     return neighbour
-
-
-def _shares_runway(one: Station, other: Station) -> bool:
-    """Return whether two cranes travel on one runway."""
-    return (one.runway or one.name) == (other.runway or other.name)
 
 
 def _mass_of_load(shift: ShiftPlan, planned: PlannedLift, content: Content, source: Path) -> float:
