@@ -29,6 +29,7 @@ from cranedyn.lifts.planning.site import CRANE_HEADING, DescribedCrane
 from cranedyn.lifts.planning.site_file import SOLIDS
 from cranedyn.lifts.sites.crane_site import Station
 from cranedyn.lifts.sites.crane_site_file import DEFAULT_KIND, MODEL_ENDING
+from cranedyn.lifts.sites.plan import ScheduledLift
 from cranedyn.lifts.sites.shift_plan import PlannedLift, ShiftPlan
 from cranedyn.lifts.sites.timetable import clock_time, load_of
 
@@ -255,26 +256,28 @@ def _shift(shift: ShiftPlan, planned: PlannedLift) -> Content:
 def _others(shift: ShiftPlan, planned: PlannedLift) -> list[str]:
     """Return what each other crane does while that of a lift carries its load, in sentences."""
     sentences = []
-    stations = shift.plan.site.stations
-    for index, station in enumerate(stations):
+    moving = {motion.crane for motion in shift.plan.lifts if _meanwhile(motion, planned)}
+    for index, station in enumerate(shift.plan.site.stations):
         if station.name == planned.crane:
             continue
         lifts = []
         for other in shift.lifts:
-            meanwhile = other.begin < planned.delivered and planned.off < other.end
-            if other.crane == station.name and meanwhile:
-                begin, end = clock_time(other.begin), clock_time(other.end)
-                lifts.append(f"{quoted(other.lift.name)} from {begin} to {end}")
-        makes_way = any(
-            scheduled.crane == index
-            and not lifts
-            and scheduled.begin < planned.delivered
-            and planned.off < scheduled.end
-            for scheduled in shift.plan.lifts
-        )
-        does = f"brings {' and '.join(lifts)}" if lifts else "stands"
-        sentences.append(f"{station.name} {'makes way' if makes_way else does}.")
+            if other.crane == station.name and _meanwhile(other, planned):
+                times = f"from {clock_time(other.begin)} to {clock_time(other.end)}"
+                lifts.append(f"{quoted(other.lift.name)} {times}")
+        if lifts:
+            does = f"brings {' and '.join(lifts)}"
+        elif index in moving:
+            does = "makes way"
+        else:
+            does = "stands"
+        sentences.append(f"{station.name} {does}.")
     return sentences
+
+
+def _meanwhile(other: PlannedLift | ScheduledLift, planned: PlannedLift) -> bool:
+    """Return whether another lift or motion overlaps the time in which a crane carries its load."""
+    return other.begin < planned.delivered and planned.off < other.end
 
 
 def _merge(content: Content, entered: Mapping[str, Any]) -> None:
