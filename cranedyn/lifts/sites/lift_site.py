@@ -106,8 +106,7 @@ def _lift_site(
         source: That file, for an error.
     """
     site = shift.plan.site
-    names = [station.name for station in site.stations]
-    index = names.index(planned.crane)
+    index = site.index_of(planned.crane)
     station = site.stations[index]
     of_crane = entered["crane"][index]
     of_lift = next(entry for entry in entered["lift"] if entry["name"] == planned.lift.name)
