@@ -110,9 +110,24 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = crane_site_path(path)
-    top, lines = read_fields(path, [*SITE_FIELDS, "lift", "report"])
+    top, lines = _read_tables(path)
     return crane_site_of(top, lines)
+
+
+def lists_lifts(path: str | Path) -> bool:
+    """Return whether a site lists lifts of its own, without making its cranes.
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or has an unknown field.
+        UnknownName: If there is no file and no example of that name.
+    """
+    top, _ = _read_tables(path)
+    return bool(top.values.get("lift"))
+
+
+def _read_tables(path: str | Path) -> tuple[SiteTable, FieldLines]:
+    """Return the whole of the file of a site, and the lines of its fields."""
+    return read_fields(crane_site_path(path), [*SITE_FIELDS, "lift", "report"])
 
 
 def crane_site_of(top: SiteTable, lines: FieldLines) -> CraneSite:
