@@ -279,7 +279,7 @@ def test_the_search_finds_the_worst_gust_between_those_of_the_grid(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A smooth worst case between the gusts of the grid: these alone have 15.5 m/s as a limit."""
-    tried = by_hand(monkeypatch, lambda gusts: _smooth(gusts))
+    tried = by_hand(monkeypatch, _smooth)
     found = wind_limit(stand_in_certificate(), CHART, count=1)
     assert found.interval() == (14.0, 15.0)
     # One number is drawn, so that it is not chance that found it.
