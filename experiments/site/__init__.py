@@ -29,7 +29,12 @@ from concurrent.futures import as_completed
 from cranedyn.checks import number, whole, worker_count
 from cranedyn.errors import DataError
 from cranedyn.lifts.sites.adversaries import Attack, attacks_on
-from cranedyn.lifts.sites.crane_site_file import EXAMPLES, crane_site_path, read_crane_site
+from cranedyn.lifts.sites.crane_site_file import (
+    EXAMPLES,
+    crane_site_path,
+    lists_lifts,
+    read_crane_site,
+)
 from cranedyn.lifts.sites.site_page import site_html
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
@@ -143,4 +148,4 @@ def main(argv: Sequence[str] | None = None) -> int:
 
 def _lists_lifts(options: argparse.Namespace) -> bool:
     """Return whether a site of the command line lists lifts."""
-    return any(read_crane_site(name).lifts for name in options.site)
+    return any(lists_lifts(name) for name in options.site)

@@ -49,8 +49,8 @@ def _report(shift: ShiftPlan, planned: PlannedLift, source: Path, folder: Path) 
     own_folder = folder / REPORTS_FOLDER / name
     site = write_lift_site(shift, planned, source, own_folder)
     options = PlanOptions(site.name, lifts=COARSE_LIFTS, gusts=COARSE_GUSTS)
-    station = next(x for x in shift.plan.site.stations if x.name == planned.crane)
-    drives = station.converters
+    stations = shift.plan.site.stations
+    drives = stations[shift.plan.site.index_of(planned.crane)].converters
     try:
         plan = PlanSource.of(options, site)
         limits = Limits(drives.rates.tolist(), drives.accelerations.tolist())

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 
@@ -19,6 +21,21 @@ from cranedyn.data.trajectory import Trajectory
 from cranedyn.errors import OutOfRange
 from cranedyn.lifts.judging.chart import Reeving
 from cranedyn.model.crane import Crane
+
+
+class _Layers(NamedTuple):
+    """The layers of a drum.
+
+    Attributes:
+        radii: Radius of the axis of the rope in each layer [m], shape (layers,).
+        angles: Angle of the drum at which each layer begins and the last one ends [rad], shape
+            (layers + 1,).
+        lengths: Length that is wound there [m], of the same shape.
+    """
+
+    radii: np.ndarray
+    angles: np.ndarray
+    lengths: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -70,18 +87,19 @@ class Drum:
     @property
     def capacity(self) -> float:
         """Length of the rope that fills all layers [m]."""
-        return float(self._full()[1][-1])
+        return float(self._layers.lengths[-1])
 
-    def _full(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the angle [rad] at which each layer begins and the last one ends, and the length
-        that is wound there [m], shape (layers + 1,) each.
-        """
+    @cached_property
+    def _layers(self) -> _Layers:
+        """The layers, from the first."""
         layers = range(self.layers)
         radii = np.array([self.layer_radius(layer) for layer in layers])
-        angles = 2.0 * math.pi * np.array([self.turns(layer) for layer in layers])
-        ends = np.concatenate([[0.0], np.cumsum(angles)])
-        lengths = np.concatenate([[0.0], np.cumsum(angles * radii)])
-        return ends, lengths
+        turned = 2.0 * math.pi * np.array([self.turns(layer) for layer in layers])
+        return _Layers(
+            radii=radii,
+            angles=np.concatenate([[0.0], np.cumsum(turned)]),
+            lengths=np.concatenate([[0.0], np.cumsum(turned * radii)]),
+        )
 
     def angle(self, wound: np.ndarray) -> np.ndarray:
         """Return the angle by which the drum has turned since it was empty [rad], from the lengths
@@ -90,9 +108,7 @@ class Drum:
         Raises:
             OutOfRange: If a length is below 0 or beyond the capacity.
         """
-        wound = self._checked(wound)
-        ends, lengths = self._full()
-        return np.interp(wound, lengths, ends)
+        return np.interp(self._checked(wound), self._layers.lengths, self._layers.angles)
 
     def radius_at(self, wound: np.ndarray) -> np.ndarray:
         """Return the radius of the axis of the rope where it runs onto the drum [m], from the
@@ -101,22 +117,13 @@ class Drum:
         Raises:
             OutOfRange: If a length is below 0 or beyond the capacity.
         """
-        wound = self._checked(wound)
-        _, lengths = self._full()
-        radii = np.array([self.layer_radius(layer) for layer in range(self.layers)])
-        layer = np.searchsorted(lengths, wound, side="right") - 1
-        return radii[np.clip(layer, 0, self.layers - 1)]
+        layer = np.searchsorted(self._layers.lengths, self._checked(wound), side="right") - 1
+        return self._layers.radii[np.clip(layer, 0, self.layers - 1)]
 
     def _checked(self, wound: np.ndarray) -> np.ndarray:
         """Return lengths as an array, checked."""
-        lengths = np.asarray(wound, dtype=float)
-        # Written so that NaN is refused, too.
-        outside = ~((lengths >= 0.0) & (lengths <= self.capacity))
-        if outside.any():
-            worst = float(np.atleast_1d(lengths)[np.atleast_1d(outside)][0])
-            allowed = f"0 to {self.capacity:g}, which fills its {self.layers} layers"
-            raise OutOfRange("rope wound on the drum", worst, allowed, "m")
-        return lengths
+        meaning = f"which fills its {self.layers} layers"
+        return _up_to("rope wound on the drum", wound, self.capacity, meaning)
 
 
 @dataclass(frozen=True)
@@ -152,14 +159,8 @@ class Winch:
         Raises:
             OutOfRange: If a cable length is below 0, or the rope is too short for it.
         """
-        lengths = np.asarray(length, dtype=float)
         longest = self.rope_length / self.reeving.falls
-        # Written so that NaN is refused, too.
-        outside = ~((lengths >= 0.0) & (lengths <= longest))
-        if outside.any():
-            worst = float(np.atleast_1d(lengths)[np.atleast_1d(outside)][0])
-            allowed = f"0 to {longest:g}, at which the drum is empty"
-            raise OutOfRange("cable length", worst, allowed, "m")
+        lengths = _up_to("cable length", length, longest, "at which the drum is empty")
         return self.rope_length - self.reeving.falls * lengths
 
     def mass_at_hook(self, length: float) -> float:
@@ -203,3 +204,23 @@ class Winch:
             "layer_m": radius,
             "drum_Nm": line * radius + self.drum.inertia * acceleration,
         }
+
+
+def _up_to(name: str, values: np.ndarray, largest: float, meaning: str) -> np.ndarray:
+    """Return lengths [m] as an array if all are from 0 to a largest one.
+
+    Args:
+        name: Name of the lengths for the error message.
+        values: The lengths, of any shape.
+        largest: The largest length that is allowed.
+        meaning: What that is, as the error message says it.
+
+    Raises:
+        OutOfRange: If one is outside; the message names the first.
+    """
+    lengths = np.asarray(values, dtype=float)
+    # Written so that NaN is refused, too.
+    outside = ~((lengths >= 0.0) & (lengths <= largest))
+    if outside.any():
+        raise OutOfRange(name, float(lengths[outside][0]), f"0 to {largest:g}, {meaning}", "m")
+    return lengths

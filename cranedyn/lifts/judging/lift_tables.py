@@ -27,9 +27,10 @@ from cranedyn.lifts.judging.plan_tables import (
 from cranedyn.lifts.judging.table import Row, Table
 from cranedyn.lifts.judging.wind_limit import (
     DIRECTIONS,
-    DURATIONS,
     FAILED_SHARE,
     GUST_FACTOR,
+    LONGEST_GUST,
+    SHORTEST_GUST,
     STEP,
     WindLimit,
 )
@@ -50,7 +51,19 @@ _SHOWN_SPEEDS = 4.0
 _NOT_JUDGED = "not judged"
 """What stands in place of a number that was not computed."""
 
-OF_COMMAND = ("Loads of the run", "Clearances", "Wind", "Perturbed lifts")
+_LOADS_TITLE = "Loads of the run"
+"""Title of the table of the largest loads."""
+
+_CLEARANCES_TITLE = "Clearances"
+"""Title of the table of the least distances."""
+
+_GUSTS_TITLE = "Wind"
+"""Title of the table of the worst of all lifts at each speed of a gust."""
+
+_PERTURBED_TITLE = "Perturbed lifts"
+"""Title of the table of the lifts that differ from the plan."""
+
+_OF_COMMAND = (_LOADS_TITLE, _CLEARANCES_TITLE, _GUSTS_TITLE, _PERTURBED_TITLE)
 """Titles of the tables of simulated numbers, whose notes name the command that makes them again."""
 
 SUMMARY_TITLE = "In numbers"
@@ -68,7 +81,7 @@ def with_command(made: Sequence[Table], command: str) -> list[Table]:
         return [*made]
     named = []
     for table in made:
-        again = f" Again: {command}." if table.title in OF_COMMAND else ""
+        again = f" Again: {command}." if table.title in _OF_COMMAND else ""
         named.append(table._replace(note=f"{table.note}{again}"))
     return named
 
@@ -327,7 +340,7 @@ def _loads(analysis: LiftAnalysis) -> Table:
         k = int(wheels.min(axis=1).argmin())
         rows.append(["wheel, least [kN]", 1e-3 * float(wheels.min()), float(t[k]), "> 0"])
     columns = [("largest", ""), ("value", ".2f"), ("at [s]", ".1f"), ("limit", "")]
-    return Table("Loads of the run", columns, rows, note)
+    return Table(_LOADS_TITLE, columns, rows, note)
 
 
 def _clearances(analysis: LiftAnalysis) -> Table:
@@ -348,7 +361,7 @@ def _clearances(analysis: LiftAnalysis) -> Table:
         f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of "
         f"{swing:.3g}°."
     )
-    return Table("Clearances", columns, rows, note)
+    return Table(_CLEARANCES_TITLE, columns, rows, note)
 
 
 def _factors(analysis: LiftAnalysis) -> Table:
@@ -443,7 +456,7 @@ def _wind(limit: WindLimit) -> Table:
         "Clearance: at least. A gust rises from a mean wind of "
         f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}."
     )
-    return Table("Wind", columns, rows, note)
+    return Table(_GUSTS_TITLE, columns, rows, note)
 
 
 def _is_shown(speed: float, limit: WindLimit) -> bool:
@@ -455,13 +468,12 @@ def _is_shown(speed: float, limit: WindLimit) -> bool:
 
 def limit_text(limit: WindLimit) -> str:
     """Return what the limit of a load in wind rests on, in sentences."""
-    shortest, longest = min(DURATIONS), max(DURATIONS)
     if limit.limit() == 0.0:
         return f"The weakest gust that is tried, {STEP:g} m/s, breaks a limit."
     return (
         f"At {limit.limit():g} m/s none of {limit.at_limit} gusts breaks a limit: a grid from "
-        f"{DIRECTIONS} sides, {shortest:g} to {longest:g} s long, beginning at any time of the "
-        "lift, others about the worst of the grid, which do not depend on chance, and "
+        f"{DIRECTIONS} sides, {SHORTEST_GUST:g} to {LONGEST_GUST:g} s long, beginning at any time "
+        "of the lift, others about the worst of the grid, which do not depend on chance, and "
         f"{limit.drawn} drawn at random, by which, with {100.0 * CONFIDENCE:g} % confidence, at "
         f"most {100.0 * limit.largest_share:.2g} % of such gusts do."
     )
@@ -516,4 +528,4 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed) -> Table:
         f"{1e3 * max(spread.late):g} ms late, the load hanging at both ends; "
         f"interval by Clopper and Pearson (docs/concepts/planning.md)."
     )
-    return Table("Perturbed lifts", [("", ""), ("value", "")], rows, note)
+    return Table(_PERTURBED_TITLE, [("", ""), ("value", "")], rows, note)

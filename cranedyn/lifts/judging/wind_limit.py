@@ -15,6 +15,7 @@ from functools import cached_property
 
 import numpy as np
 
+from cranedyn import theory
 from cranedyn.checks import whole, within
 from cranedyn.controllers.integral import HoistIntegral
 from cranedyn.lifts.judging.chart import CUT_OUT, Chart
@@ -50,7 +51,7 @@ STARTS_IN_PERIOD = 4
 """Number of starts of gusts of the grid in a period of the swing. What a gust adds goes with the
 cosine of the phase, so that one of them has 92 % of the worst or more."""
 
-DURATIONS = (3.0, 6.0, 9.0, 12.0)
+DURATIONS = (SHORTEST_GUST, 6.0, 9.0, LONGEST_GUST)
 """Durations of the gusts of the grid [s]. A load on 10 to 40 m of rope swings most in a gust of 0.8
 to 1.2 of its period, 5 to 15 s, and nearly as much in one that is a quarter longer or shorter."""
 
@@ -208,7 +209,7 @@ def wind_limit(
     speed = math.inf
     while limits.limit() < speed and limits.limit() > 0.0:
         speed = limits.limit()
-        rows = np.vstack([rows, trial.simulate(np.array([speed]), drawn)])
+        rows = trial.extended(rows, np.array([speed]), drawn)
         limits = _limits(rows, allowed)
     at_limit = int((rows[:, 0] == limits.limit()).sum())
     limits = replace(limits, at_limit=at_limit, drawn=count if limits.limit() > 0.0 else 0)
@@ -238,7 +239,7 @@ class _GustRanges:
         lift = certificate.lift
         arrival = lift.timed.motion.arrival
         shortest_cable = float(np.min(lift.clearance.cable(certificate.run.q)))
-        period = 2.0 * math.pi * math.sqrt(shortest_cable / lift.crane.gravity)
+        period = float(theory.point_period(shortest_cable, lift.crane.gravity))
         start_count = max(2, math.ceil(arrival * STARTS_IN_PERIOD / period) + 1)
         return cls(
             lowest=np.array([0.0, SHORTEST_GUST, -math.pi]),
@@ -289,36 +290,35 @@ def _worst_of_grid(trial: _Trial, ranges: _GustRanges) -> np.ndarray:
     rows = trial.simulate(np.array([FIRST_SPEED]), grid)
     at_first = _limits(rows, trial.allowed)
     worst = [_worst_gusts(rows, at_first, name) for name in trial.allowed]
-    rows = np.vstack([rows, trial.simulate(speeds, np.vstack(worst))])
+    rows = trial.extended(rows, speeds, np.vstack(worst))
     covered = {0.0, FIRST_SPEED}
     while True:
         limits = _limits(rows, trial.allowed)
         missing = {limits.limit(name) for name in trial.allowed} - covered
         if not missing:
             return rows
-        rows = np.vstack([rows, trial.simulate(np.array(sorted(missing)), grid)])
+        rows = trial.extended(rows, np.array(sorted(missing)), grid)
         covered |= missing
         for name in trial.allowed:
             if not _limits(rows, trial.allowed).kept(name).all():
-                rows = np.vstack([rows, _search(trial, ranges, rows, name)])
+                rows = _search(trial, ranges, rows, name)
 
 
 def _search(trial: _Trial, ranges: _GustRanges, rows: np.ndarray, name: str) -> np.ndarray:
-    """Search about the worst gusts for a limit by ever smaller steps, and return the rows of all
-    that was simulated.
+    """Search about the worst gusts for a limit by ever smaller steps, and return the rows with
+    those of all that was simulated.
     """
-    found = rows
     for halving in range(1, SEARCH_HALVINGS + 1):
-        limits = _limits(found, trial.allowed)
-        worst = _worst_gusts(found, limits, name)
+        limits = _limits(rows, trial.allowed)
+        worst = _worst_gusts(rows, limits, name)
         speed = np.array([_speed_of_worst(limits, name)])
         near = ranges.around(worst, 0.5**halving)
-        found = np.vstack([found, trial.simulate(speed, near)])
-    limits = _limits(found, trial.allowed)
-    worst = _worst_gusts(found, limits, name)
+        rows = trial.extended(rows, speed, near)
+    limits = _limits(rows, trial.allowed)
+    worst = _worst_gusts(rows, limits, name)
     broken = _speed_of_worst(limits, name)
     weaker = np.arange(max(STEP, broken - SEARCHED_SPEEDS * STEP), broken, STEP)
-    return np.vstack([found, trial.simulate(weaker, worst)])[len(rows) :]
+    return trial.extended(rows, weaker, worst)
 
 
 @dataclass(frozen=True, eq=False)
@@ -349,7 +349,25 @@ class _Trial:
         Returns:
             Rows of speed, gust and the value of each limit, shape (k j, 4 + limits).
         """
-        rows = np.column_stack([np.repeat(speeds, len(gusts)), np.tile(gusts, (len(speeds), 1))])
+        return self._with_values(_each_at_each(speeds, gusts))
+
+    def extended(self, rows: np.ndarray, speeds: np.ndarray, gusts: np.ndarray) -> np.ndarray:
+        """Return rows of `simulate` with those of further gusts at further speeds. What is among
+        the rows is not simulated again: a gust that stands there twice would be taken for two of
+        the worst ones.
+        """
+        known = {tuple(row) for row in rows[:, :_FIRST_VALUE].tolist()}
+        added = []
+        for row in _each_at_each(speeds, gusts).tolist():
+            if tuple(row) not in known:
+                known.add(tuple(row))
+                added.append(row)
+        if not added:
+            return rows
+        return np.vstack([rows, self._with_values(np.array(added))])
+
+    def _with_values(self, rows: np.ndarray) -> np.ndarray:
+        """Return rows of speed and gust, shape (n, 4), with the value of each limit behind them."""
         drawn = _perturbations(rows)
         # What no lift overwrites counts as failed.
         values = {}
@@ -383,6 +401,13 @@ class _Trial:
             if np.isfinite(q).all():
                 return clearance.nearest(q[clearance.nearest_row(q)])
         return None
+
+
+def _each_at_each(speeds: np.ndarray, gusts: np.ndarray) -> np.ndarray:
+    """Return a row of speed and gust for each gust at each speed, shape (k j, 4); arguments as of
+    `_Trial.simulate`.
+    """
+    return np.column_stack([np.repeat(speeds, len(gusts)), np.tile(gusts, (len(speeds), 1))])
 
 
 def _perturbations(rows: np.ndarray) -> dict[str, np.ndarray]:

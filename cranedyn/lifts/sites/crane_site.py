@@ -354,6 +354,14 @@ class CraneSite:
         """Capsules of all cranes without those that stand still, `stacked`."""
         return stacked([without_standing(station.bodies) for station in self.stations])
 
+    def index_of(self, name: str) -> int:
+        """Return the index of the crane of a name.
+
+        Raises:
+            ValueError: If there is none.
+        """
+        return [station.name for station in self.stations].index(name)
+
     def share_runway(self, a: int, b: int) -> bool:
         """Return whether two cranes travel on one runway.
 

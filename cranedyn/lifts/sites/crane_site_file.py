@@ -73,10 +73,10 @@ SITE_FIELDS = ("ground", "distance", "swing", "wind", "hooking", "crane", *SOLID
 _LIFT_FIELDS = ("name", "crane", "from", "to", "load", "earliest", "after", "report")
 """Fields of a lift."""
 
-_DEFAULT_KIND = "tower"
+DEFAULT_KIND = "tower"
 """Kind of a crane that names no other one, of `cranedyn.lifts.planning.site.KINDS`."""
 
-_MODEL_ENDING = "_crane"
+MODEL_ENDING = "_crane"
 """What `model`, another name of `kind`, has behind the kind."""
 
 _ENTERED_BY = {
@@ -110,9 +110,24 @@ def read_crane_site(path: str | Path) -> CraneSite:
             range, with its line. Also if two cranes or obstacles have one name, or towers overlap.
         UnknownName: If there is no file and no example of that name.
     """
-    path = crane_site_path(path)
-    top, lines = read_fields(path, [*SITE_FIELDS, "lift", "report"])
+    top, lines = _read_tables(path)
     return crane_site_of(top, lines)
+
+
+def lists_lifts(path: str | Path) -> bool:
+    """Return whether a site lists lifts of its own, without making its cranes.
+
+    Raises:
+        DataError: If it cannot be read, is no TOML, or has an unknown field.
+        UnknownName: If there is no file and no example of that name.
+    """
+    top, _ = _read_tables(path)
+    return bool(top.values.get("lift"))
+
+
+def _read_tables(path: str | Path) -> tuple[SiteTable, FieldLines]:
+    """Return the whole of the file of a site, and the lines of its fields."""
+    return read_fields(crane_site_path(path), [*SITE_FIELDS, "lift", "report"])
 
 
 def crane_site_of(top: SiteTable, lines: FieldLines) -> CraneSite:
@@ -334,16 +349,16 @@ def _crane(entry: SiteTable) -> tuple[Crane, dict[str, dict[str, float]]]:
         return crane, {"accelerations": read_machine(machine).accelerations}
     kind = _kind(entry)
     # None is the tower crane.
-    description = None if kind == _DEFAULT_KIND else XACRO.with_name(f"{kind}_crane.urdf.xacro")
+    description = None if kind == DEFAULT_KIND else XACRO.with_name(f"{kind}_crane.urdf.xacro")
     return load_crane(description, values=values or None), {}
 
 
 def _kind(entry: SiteTable) -> str:
     """Return the kind of a crane of this project, from the field `kind` or `model`."""
     field = "model" if "model" in entry.values else "kind"
-    ending = _MODEL_ENDING if field == "model" else ""
+    ending = MODEL_ENDING if field == "model" else ""
     known = [kind + ending for kind in KINDS]
-    return entry.choice(field, known, _DEFAULT_KIND + ending).removesuffix(ending)
+    return entry.choice(field, known, DEFAULT_KIND + ending).removesuffix(ending)
 
 
 def _has_own_brakes(entry: SiteTable) -> bool:

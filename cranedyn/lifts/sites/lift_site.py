@@ -25,9 +25,11 @@ import numpy as np
 from cranedyn.data.files import parse_toml, read_text, write_text
 from cranedyn.errors import DataError, quoted
 from cranedyn.lifts.judging.plan_inputs import named_files
-from cranedyn.lifts.planning.site import DescribedCrane
+from cranedyn.lifts.planning.site import CRANE_HEADING, DescribedCrane
 from cranedyn.lifts.planning.site_file import SOLIDS
 from cranedyn.lifts.sites.crane_site import Station
+from cranedyn.lifts.sites.crane_site_file import DEFAULT_KIND, MODEL_ENDING
+from cranedyn.lifts.sites.plan import ScheduledLift
 from cranedyn.lifts.sites.shift_plan import PlannedLift, ShiftPlan
 from cranedyn.lifts.sites.timetable import clock_time, load_of
 
@@ -104,8 +106,7 @@ def _lift_site(
         source: That file, for an error.
     """
     site = shift.plan.site
-    names = [station.name for station in site.stations]
-    index = names.index(planned.crane)
+    index = site.index_of(planned.crane)
     station = site.stations[index]
     of_crane = entered["crane"][index]
     of_lift = next(entry for entry in entered["lift"] if entry["name"] == planned.lift.name)
@@ -134,11 +135,11 @@ def _lift_site(
         content["load"] |= {"area": site.working_wind.area, "drag": 1.0}
     for kind in SOLIDS:
         content[kind] = copy.deepcopy(entered.get(kind, []))
-    for i, other in enumerate(site.stations):
+    for i in range(len(site.stations)):
         if i == index:
             continue
         neighbour = _neighbour(shift, i, entered["crane"][i], planned.off)
-        if _shares_runway(station, other):
+        if site.share_runway(index, i):
             neighbour["on_runway"] = True
         content["neighbour"].append(neighbour)
     for tables in (entered, of_crane, of_lift):
@@ -153,17 +154,13 @@ def _crane(station: Station, entry: Mapping[str, Any]) -> Content:
     crane = _described(entry)
     values = dict(entry.get("values", {}))
     values.pop("payload_mass", None)  # [load] has the mass
-    crane |= {"position": np.asarray(station.foot, dtype=float).tolist()}
-    description = DescribedCrane(
-        kind=crane.get("kind"),
-        machine=crane.get("machine"),
-        file=Path(crane["file"]) if "file" in crane else None,
-    )
-    if description.is_tower:
+    crane["position"] = np.asarray(station.foot, dtype=float).tolist()
+    # A crane of a file is neither of a kind nor a machine, and so no tower crane.
+    if DescribedCrane(kind=crane.get("kind"), machine=crane.get("machine")).is_tower:
         crane["heading"] = math.degrees(station.heading)
     else:
-        # The angle by which its axes are turned: a jib along -Y is not turned.
-        crane["yaw"] = math.degrees(station.heading) + 90.0
+        # The angle by which its axes are turned.
+        crane["yaw"] = math.degrees(station.heading) - math.degrees(CRANE_HEADING)
     if values:
         crane["values"] = values
     if "chart" in entry:
@@ -177,8 +174,9 @@ def _described(entry: Mapping[str, Any]) -> Content:
         return {"file": entry["urdf"]}
     if "machine" in entry:
         return {"machine": entry["machine"]}
-    model = str(entry.get("model", "tower_crane"))
-    return {"kind": entry.get("kind", model.removesuffix("_crane"))}
+    if "model" in entry:
+        return {"kind": entry["model"].removesuffix(MODEL_ENDING)}
+    return {"kind": entry.get("kind", DEFAULT_KIND)}
 
 
 def _neighbour(shift: ShiftPlan, index: int, entry: Mapping[str, Any], t: float) -> Content:
@@ -206,11 +204,6 @@ def _neighbour(shift: ShiftPlan, index: int, entry: Mapping[str, Any], t: float)
     if "values" in entry:
         neighbour["values"] = dict(entry["values"])
     return neighbour
-
-
-def _shares_runway(one: Station, other: Station) -> bool:
-    """Return whether two cranes travel on one runway."""
-    return (one.runway or one.name) == (other.runway or other.name)
 
 
 def _mass_of_load(shift: ShiftPlan, planned: PlannedLift, content: Content, source: Path) -> float:
@@ -262,26 +255,28 @@ def _shift(shift: ShiftPlan, planned: PlannedLift) -> Content:
 def _others(shift: ShiftPlan, planned: PlannedLift) -> list[str]:
     """Return what each other crane does while that of a lift carries its load, in sentences."""
     sentences = []
-    stations = shift.plan.site.stations
-    for index, station in enumerate(stations):
+    moving = {motion.crane for motion in shift.plan.lifts if _meanwhile(motion, planned)}
+    for index, station in enumerate(shift.plan.site.stations):
         if station.name == planned.crane:
             continue
         lifts = []
         for other in shift.lifts:
-            meanwhile = other.begin < planned.delivered and planned.off < other.end
-            if other.crane == station.name and meanwhile:
-                begin, end = clock_time(other.begin), clock_time(other.end)
-                lifts.append(f"{quoted(other.lift.name)} from {begin} to {end}")
-        makes_way = any(
-            scheduled.crane == index
-            and not lifts
-            and scheduled.begin < planned.delivered
-            and planned.off < scheduled.end
-            for scheduled in shift.plan.lifts
-        )
-        does = f"brings {' and '.join(lifts)}" if lifts else "stands"
-        sentences.append(f"{station.name} {'makes way' if makes_way else does}.")
+            if other.crane == station.name and _meanwhile(other, planned):
+                times = f"from {clock_time(other.begin)} to {clock_time(other.end)}"
+                lifts.append(f"{quoted(other.lift.name)} {times}")
+        if lifts:
+            does = f"brings {' and '.join(lifts)}"
+        elif index in moving:
+            does = "makes way"
+        else:
+            does = "stands"
+        sentences.append(f"{station.name} {does}.")
     return sentences
+
+
+def _meanwhile(other: PlannedLift | ScheduledLift, planned: PlannedLift) -> bool:
+    """Return whether another lift or motion overlaps the time in which a crane carries its load."""
+    return other.begin < planned.delivered and planned.off < other.end
 
 
 def _merge(content: Content, entered: Mapping[str, Any]) -> None:

@@ -66,8 +66,7 @@ def _miss(planned: PlannedLift, run: SiteRun) -> float:
     """Return the larger distance of a load from its start and its goal at the end of the time in
     which it is hooked on or unhooked [m]; infinite if the run ends before.
     """
-    names = [station.name for station in run.site.stations]
-    i = names.index(planned.crane)
+    i = run.site.index_of(planned.crane)
     station = run.site.stations[i]
     crane = station.crane
     distances = []

@@ -60,8 +60,8 @@ def load_of(shift: ShiftPlan, planned: PlannedLift) -> float:
     """Return the mass of the load of a lift [kg]: of its own, or that of its crane."""
     if planned.lift.load is not None:
         return planned.lift.load
-    stations = shift.plan.site.stations
-    return next(x.crane.payload_mass for x in stations if x.name == planned.crane)
+    site = shift.plan.site
+    return site.stations[site.index_of(planned.crane)].crane.payload_mass
 
 
 def timetable(shift: ShiftPlan) -> Table:

@@ -252,7 +252,6 @@ def test_checks_have_names_that_their_numbers_do_not_change() -> None:
     recorded = recorded_checks(checks)
     names = [check.name for check in recorded]
     assert names == ["nothing comes nearer than", "slewing", "slewing #2", "perturbed_lifts"]
-
     assert recorded[0].sentence == "Nothing comes nearer than 0.5 m: at t = * s."
     assert mask_times("cut-out at 12.3 s; 33 s in all") == "cut-out at * s; 33 s in all"
 

@@ -279,9 +279,13 @@ def test_the_search_finds_the_worst_gust_between_those_of_the_grid(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     """A smooth worst case between the gusts of the grid: these alone have 15.5 m/s as a limit."""
-    tried = by_hand(monkeypatch, lambda gusts: _smooth(gusts))
+    tried = by_hand(monkeypatch, _smooth)
     found = wind_limit(stand_in_certificate(), CHART, count=1)
     assert found.interval() == (14.0, 15.0)
+    # No gust is tried twice at a speed, so that each one that is counted is another one.
+    names = ("wind_m_s", "gust_at_s", "gust_lasts_s", "direction_rad")
+    columns = [np.concatenate([gusts[name] for gusts in tried]) for name in names]
+    assert len(np.unique(np.column_stack(columns), axis=0)) == found.lifts
     # One number is drawn, so that it is not chance that found it.
     assert len(tried[-1]["gust_at_s"]) == 1
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import tomllib
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 import pytest
 
 from cranedyn.errors import DataError
+from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.sites.crane_site_file import SITES, read_crane_site
 from cranedyn.lifts.sites.lift_site import (
@@ -19,7 +21,7 @@ from cranedyn.lifts.sites.lift_site import (
     toml_text,
     write_lift_site,
 )
-from cranedyn.lifts.sites.shift_plan import ShiftPlan, plan_shift
+from cranedyn.lifts.sites.shift_plan import PlannedLift, ShiftPlan, plan_shift
 
 slow = pytest.mark.slow
 
@@ -30,7 +32,7 @@ def shift_of(example: str) -> ShiftPlan:
     return plan_shift(read_crane_site(example))
 
 
-def site_of(example: str, lift: str, folder: Path):  # type: ignore[no-untyped-def]
+def site_of(example: str, lift: str, folder: Path) -> tuple[ShiftPlan, PlannedLift, Site]:
     """Return the plan of an example shift, one of its lifts, and its site as it reads back."""
     shift = shift_of(example)
     planned = next(x for x in shift.lifts if x.lift.name == lift)
@@ -94,7 +96,7 @@ def test_rigging_that_weighs_more_than_what_hangs_is_refused(tmp_path: Path) -> 
 
 
 @slow
-def test_folders_are_named_by_number_and_plain_letters(tmp_path: Path) -> None:
+def test_folders_are_named_by_number_and_plain_letters() -> None:
     shift = shift_of("two_towers_shift")
     first = shift.lifts[0]
     strange = replace(first, lift=replace(first.lift, name="../Träger <3>"))
@@ -103,8 +105,6 @@ def test_folders_are_named_by_number_and_plain_letters(tmp_path: Path) -> None:
 
 
 def test_a_content_reads_back_as_it_was(tmp_path: Path) -> None:
-    import tomllib
-
     content = {
         "name": 'a "quoted" name, ü',
         "ground": {"height": 0.0, "mat": [1.5, 2], "flag": True},
