@@ -11,6 +11,7 @@ import shutil
 import signal
 import sys
 import tempfile
+import time
 import traceback
 import warnings
 from collections.abc import Callable, Iterator
@@ -31,6 +32,13 @@ BUDGET = 2.0
 
 PATIENCE = 2.0
 """Processor time in which a case must end once it is interrupted [s]."""
+
+TICK = 0.01
+"""Processor time between two signals of the timer [s].
+
+The timer repeats its signal, since one may be lost: the system may hand it to another thread that
+is busy without Python's lock, and CPython 3.11 does not tell the main thread of it then.
+"""
 
 NUMBERS = (
     "0 -0.0 -1 1e300 -1e300 1e-300 5e-324 nan inf -inf 1e400 1e-400 1e29 1e9 1e15 1e-9 0x10 1_0 ١ "
@@ -113,6 +121,7 @@ def _attempted(generator: Generator, case: Any, folder: Path) -> Verdict:
             return Verdict("interrupted")
         return Verdict("broken", f"takes more than {BUDGET:g} s\n{_trace(stop)}")
     except TooLong as error:
+        interrupt_after(0.0)
         return Verdict("broken", f"Ctrl-C is not answered in {PATIENCE:g} s\n{_trace(error)}")
     except BaseException as error:
         return Verdict("broken", _trace(error))
@@ -150,9 +159,10 @@ def _limited() -> Iterator[None]:
     """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers.
 
     What a callback of the garbage collector raises (Hypothesis has one), or one that LLVM calls
-    for the object files that tests share, Python drops; so these are left alone.
+    for the object files that tests share, Python drops; so these are left alone, until a later
+    signal of the timer finds none of them at work.
     """
-    fired = False
+    interrupted_at: float | None = None
     ended = False
     shared_objects = {
         ExecutionEngine._raw_object_cache_notify.__code__,
@@ -160,18 +170,18 @@ def _limited() -> Iterator[None]:
     }
 
     def interrupt(number: int, frame: FrameType | None) -> None:
-        nonlocal fired
-        if ended:
+        nonlocal interrupted_at
+        now = time.process_time()
+        if ended or (interrupted_at is not None and now < interrupted_at + PATIENCE):
             return
         collectors = {getattr(callback, "__code__", None) for callback in gc.callbacks}
         dropping = collectors | shared_objects
         if not dropping.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
-            interrupt_after(0.01)
             return
-        if fired:
+        first = interrupted_at is None
+        interrupted_at = now
+        if not first:
             raise TooLong
-        fired = True
-        interrupt_after(PATIENCE)
         signal.raise_signal(signal.SIGINT)
 
     before = signal.signal(signal.SIGPROF, interrupt)
@@ -191,8 +201,10 @@ def _limited() -> Iterator[None]:
 
 
 def interrupt_after(seconds: float) -> None:
-    """Interrupt after so much more processor time [s] instead of at the end of the budget."""
-    signal.setitimer(signal.ITIMER_PROF, seconds)
+    """Interrupt after so much more processor time [s] instead of at the end of the budget; after 0
+    never.
+    """
+    signal.setitimer(signal.ITIMER_PROF, seconds, TICK)
 
 
 @contextmanager
