@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from scipy.spatial.transform import Rotation
 
 from cranedyn.checks import finite
-from cranedyn.data.files import atomic_write, with_ending
+from cranedyn.data.files import with_ending
 from cranedyn.errors import printable
 from cranedyn.model.crane import Crane
 from cranedyn.plotting.style import rgb, run_colour
@@ -28,6 +28,7 @@ from cranedyn.recording.scene import (
     urdf_tree,
 )
 from cranedyn.recording.shapes import shapes
+from cranedyn.recording.stream import recording_file, send_layout
 
 _FRAME_PERIOD = 0.04
 """Time between rows of the scene [s]: 25 a second, as in a film."""
@@ -130,12 +131,8 @@ def record_postures(
     title = utf8(title)
     t = finite("times of a recording", t, ("rows",), unit="s")
     check_enabled()
-    recording = rr.RecordingStream("cranedyn-postures", send_properties=False)
-    memory = recording.memory_recording()
-    try:
-        recording.send_blueprint(
-            _layout(cranes, boxes, curves or {}), make_active=True, make_default=True
-        )
+    with recording_file(path, "cranedyn-postures") as recording:
+        send_layout(recording, _layout(cranes, boxes, curves or {}))
         recording.send_recording_name(title)
         document = rr.TextDocument(f"## {title}\n\n{utf8(text)}", media_type="text/markdown")
         recording.log("text", document, static=True)
@@ -157,11 +154,6 @@ def record_postures(
             recording.send_columns(_entity(line.name), clock(t[frames]), columns)
         for plot, values in (curves or {}).items():
             _log_curves(recording, plot, values, t)
-    finally:
-        # Also after Ctrl-C: Rerun prints that it drops data where nobody takes it.
-        content = memory.drain_as_bytes()
-    with atomic_write(path) as draft:
-        draft.write_bytes(content)
     return path
 
 

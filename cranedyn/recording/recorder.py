@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from cranedyn.data.files import Draft, atomic_write, check_writable, sync_folder, with_ending
+from cranedyn.data.files import Draft, check_writable, sync_folder, with_ending
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.validity import events
 from cranedyn.errors import CraneError, DataError, OutOfRange, printable, quoted
@@ -27,6 +27,7 @@ from cranedyn.recording.series import (
     series_table,
     table_cell,
 )
+from cranedyn.recording.stream import recording_file, send_layout
 
 _FLUSH_SECONDS = 10.0
 """Longest wait for Rerun to write what it was given [s]."""
@@ -83,20 +84,13 @@ def record(
         raise OutOfRange("names of the runs", names, "one name or more, each different")
     check_enabled()
     tables = [_finite_table(run) for run in runs]
-    recording = rr.RecordingStream(_application(title, runs), send_properties=False)
-    memory = recording.memory_recording()
-    try:
+    with recording_file(path, _application(title, runs)) as recording:
         scenes = _log_static(recording, runs, tables, title, utf8(text), gaps=bool(gaps))
         for run, scene, columns in zip(runs, scenes, tables, strict=True):
             scene.move(run.trajectory)
             log_series(recording, run, columns)
         log_readout(recording, runs)
         log_gaps(recording, runs[0].trajectory.t, gaps or {}, contacts)
-    finally:
-        # Also after Ctrl-C: Rerun prints that it drops data where nobody takes it.
-        content = memory.drain_as_bytes()
-    with atomic_write(path) as draft:
-        draft.write_bytes(content)
     return path
 
 
@@ -280,8 +274,7 @@ def _log_static(
         text: Description in Markdown.
         gaps: Whether there are distances between cranes to plot.
     """
-    layout = dashboard(runs, tables, gaps=gaps)
-    recording.send_blueprint(layout, make_active=True, make_default=True)
+    send_layout(recording, dashboard(runs, tables, gaps=gaps))
     recording.send_recording_name(title)
     document = rr.TextDocument(describe_runs(runs, title, text), media_type="text/markdown")
     recording.log("text", document, static=True)
