@@ -24,8 +24,10 @@ from cranedyn.lifts.planning.rigging import (
     attachment_height,
     counted_legs,
     largest_share,
+    leg_limit,
     leg_share,
     rigging_height,
+    set_limit_at,
     sling_angle,
     tilt,
 )
@@ -83,17 +85,25 @@ class SlingForce:
         limit: The force that its working load limit allows [N].
         angle: Its angle from the vertical [rad].
         share: The share of the weight below that it is counted with.
+        lifted: The force of all that hangs in the slings, the same included [N].
+        set_limit: The force that the tag of the set allows at this angle [N]; None if the limit of
+            one leg was entered.
     """
 
     force: float
     limit: float
     angle: float
     share: float
+    lifted: float
+    set_limit: float | None = None
 
     @property
     def utilisation(self) -> float:
-        """Its force over what its working load limit allows."""
-        return self.force / self.limit
+        """Its force over what its working load limit allows, or what hangs over what the tag of the
+        set allows, whichever is more.
+        """
+        of_leg = self.force / self.limit
+        return of_leg if self.set_limit is None else max(of_leg, self.lifted / self.set_limit)
 
 
 def lifted_force(analysis: LiftAnalysis, *, above: tuple[str, ...]) -> float:
@@ -122,17 +132,22 @@ def sling_force(analysis: LiftAnalysis) -> SlingForce | None:
     details = analysis.site.details
     slings = details.slings
     angle = sling_angle(details)
-    if slings.number is None or slings.limit is None or angle is None:
+    limit = leg_limit(slings)
+    if slings.number is None or limit is None or angle is None:
         return None
     share = leg_share(details.load, slings.number)
     if share is None:
         return None
     lifted = lifted_force(analysis, above=("hook", "spreader"))
+    gravity = analysis.crane.gravity
+    of_set = set_limit_at(slings, angle)
     return SlingForce(
         force=lifted * share / math.cos(angle),
-        limit=slings.limit * analysis.crane.gravity,
+        limit=limit * gravity,
         angle=angle,
         share=share,
+        lifted=lifted,
+        set_limit=None if of_set is None else of_set * gravity,
     )
 
 
@@ -141,13 +156,14 @@ def slings_bear(analysis: LiftAnalysis) -> Check | None:
     an angle at which slings may be used.
     """
     slings = analysis.site.details.slings
-    if slings.number is None and slings.limit is None:
+    has_limit = slings.limit is not None or slings.set_limit is not None
+    if slings.number is None and not has_limit:
         return None
     missing = []
     if slings.number is None:
         missing.append("number")
-    if slings.limit is None:
-        missing.append("limit")
+    if not has_limit:
+        missing.append("limit of one leg or set_limit of the set")
     if sling_angle(analysis.site.details) is None:
         missing.append("angle, or length beside [load] lifting_points")
     if missing:
@@ -160,13 +176,22 @@ def slings_bear(analysis: LiftAnalysis) -> Check | None:
     assert slings.number is not None  # as nothing is missing
     gravity = analysis.crane.gravity
     counted = counted_legs(slings.number)
+    entered = "entered as that of one leg"
+    of_set = ""
+    if leg.set_limit is not None:
+        assert slings.set_limit is not None
+        entered = f"which follows from {slings.set_limit / 1e3:.2f} t on the tag of the set"
+        of_set = (
+            f" All that hangs in the set pulls with {leg.lifted / gravity / 1e3:.2f} t; its tag "
+            f"allows {leg.set_limit / gravity / 1e3:.2f} t at that angle."
+        )
     return Check(
         f"A leg of the slings pulls with {leg.force / gravity / 1e3:.2f} t at most, "
-        f"{100.0 * leg.utilisation:.0f} % of its working load limit of "
-        f"{leg.limit / gravity / 1e3:.2f} t, with {100.0 * leg.share:.0f} % of the weight at "
-        f"{math.degrees(leg.angle):.0f}° from the vertical ({counted} of {slings.number} counted "
-        f"on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.",
-        leg.force <= leg.limit and leg.angle <= MAX_SLING_ANGLE,
+        f"{100.0 * leg.force / leg.limit:.0f} % of its working load limit of "
+        f"{leg.limit / gravity / 1e3:.2f} t, {entered}, with {100.0 * leg.share:.0f} % of the "
+        f"weight at {math.degrees(leg.angle):.0f}° from the vertical ({counted} of "
+        f"{slings.number} counted on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.{of_set}",
+        leg.utilisation <= 1.0 and leg.angle <= MAX_SLING_ANGLE,
     )
 
 

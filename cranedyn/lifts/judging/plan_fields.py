@@ -21,7 +21,8 @@ from cranedyn.lifts.judging.plan_checks import (
     wind_text,
 )
 from cranedyn.lifts.judging.table import place_text
-from cranedyn.lifts.planning.plan_details import LiftInShift
+from cranedyn.lifts.planning.plan_details import LiftInShift, Slings
+from cranedyn.lifts.planning.rigging import leg_limit
 
 COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
 """Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
@@ -163,7 +164,7 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Number of legs", None if slings.number is None else f"{slings.number}"),
         PlanField("Length of a leg", None if slings.length is None else f"{slings.length:g} m"),
         PlanField("Angle from the vertical", _degrees(slings.angle if leg is None else leg.angle)),
-        PlanField("WLL of a leg", None if slings.limit is None else tonnes(slings.limit)),
+        *_sling_limits(slings),
         PlanField("Certificate", slings.certificate),
         PlanField("Used of it", None if leg is None else f"{100.0 * leg.utilisation:.0f} %"),
         PlanField("Mass of the slings", _mass(masses, "slings")),
@@ -180,6 +181,20 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         limit = "WLL not entered" if spreader.limit is None else f"WLL {tonnes(spreader.limit)}"
         fields.append(PlanField("Spreader", f"{spreader.name or 'unnamed'}, {limit}"))
     return FieldGroup("Rigging", fields)
+
+
+def _sling_limits(slings: Slings) -> list[PlanField]:
+    """Return the working load limit of one leg, and that of the set where it was entered: which of
+    the two is said with each.
+    """
+    of_leg = leg_limit(slings)
+    if slings.set_limit is None:
+        return [PlanField("WLL of one leg", None if of_leg is None else tonnes(of_leg))]
+    shown = None if of_leg is None else f"{tonnes(of_leg)}, from that of the set"
+    return [
+        PlanField("WLL of the set, on its tag", f"{tonnes(slings.set_limit)} up to 45°"),
+        PlanField("WLL of one leg", shown),
+    ]
 
 
 def _crane(analysis: LiftAnalysis) -> FieldGroup:

@@ -22,6 +22,7 @@ from cranedyn.lifts.planning.plan_details import (
     SlingType,
     Spreader,
 )
+from cranedyn.lifts.planning.rigging import SET_FACTORS
 from cranedyn.lifts.planning.site_table import POINT_RANGE, FieldLines, SiteTable
 
 SLING_TYPES: tuple[SlingType, ...] = get_args(SlingType)
@@ -48,7 +49,7 @@ LOAD_FIELDS = _fields_of(LoadDetails)
 RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls")
 """Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
 
-SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "certificate")
+SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "set_limit", "certificate")
 """Fields of [rigging.slings]."""
 
 SPREADER_FIELDS = ("mass", "name", "height", "limit")
@@ -169,14 +170,33 @@ def _load(load: SiteTable) -> LoadDetails:
 
 
 def _slings(slings: SiteTable) -> Slings:
-    """Return the slings; the file gives their angle in degrees from the vertical."""
+    """Return the slings; the file gives their angle in degrees from the vertical.
+
+    Raises:
+        DataError: If both the limit of one leg and that of the set are entered, since one of them
+            is then not what its name says, or a set has a number of legs that no standard has.
+    """
+    if "limit" in slings.values and "set_limit" in slings.values:
+        slings.fail(
+            "set_limit",
+            "limit is given, too; leave one out. limit is that of one leg in a straight pull, "
+            "set_limit that of all legs together, as the tag of a set has it.",
+        )
+    number = slings.optional_whole("number")
+    if "set_limit" in slings.values and number is not None and number not in SET_FACTORS:
+        slings.fail(
+            "set_limit",
+            f"a set has {min(SET_FACTORS)} to {max(SET_FACTORS)} legs, and number is {number}; "
+            "enter the limit of one leg as limit.",
+        )
     return Slings(
         type=slings.optional_choice("type", SLING_TYPES),
-        number=slings.optional_whole("number"),
+        number=number,
         angle=slings.optional_angle("angle", "0 to 85"),
         length=slings.optional_number("length", "m", "> 0"),
         limit=slings.optional_number("limit", "kg", "> 0"),
         certificate=slings.optional_text("certificate"),
+        set_limit=slings.optional_number("set_limit", "kg", "> 0"),
     )
 
 

@@ -136,6 +136,8 @@ class Slings:
         length: Length of each leg [m].
         limit: Working load limit of one leg, in a straight pull [kg].
         certificate: Number of their certificate.
+        set_limit: Working load limit of all legs together, up to 45° from the vertical, as the tag
+            of a set has it [kg]. Either this or `limit` is entered, or neither.
     """
 
     type: SlingType | None = None
@@ -144,6 +146,7 @@ class Slings:
     length: float | None = None
     limit: float | None = None
     certificate: str | None = None
+    set_limit: float | None = None
 
 
 @dataclass(frozen=True)

@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Spreader
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Slings, Spreader
 from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
@@ -164,6 +164,7 @@ RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
 # What a lift plan says beside the motion. Slings are 0.5 to 20 m long, chains lift 1 to 30 t a leg
 # and the largest round slings some hundred; guides end at 60° from the vertical.
 SLING_LIMIT = Quantity("The working load limit of a leg", "kg", (0.1, 1e7), (50.0, 5e5), TONNES)
+SET_LIMIT = Quantity("The working load limit of a set", "kg", (0.1, 1e7), (50.0, 1e6), TONNES)
 SPREADER_LIMIT = Quantity(
     "The working load limit of the spreader", "kg", (0.1, 1e8), (50.0, 5e6), TONNES
 )
@@ -210,6 +211,21 @@ is unusual: lugs stand out a little."""
 
 FARTHEST_POINT_OF_LOAD = 20.0
 """The same, beyond which it cannot be meant."""
+
+CHAIN_LIMITS = (
+    *(1120.0, 1500.0, 2000.0, 3150.0, 5300.0, 8000.0, 10000.0, 11200.0, 12500.0, 15000.0, 16000.0),
+    *(20000.0, 21200.0, 25000.0, 31500.0),
+    *(1400.0, 1900.0, 2500.0, 4000.0, 6700.0, 10000.0, 16000.0, 19000.0, 26500.0),
+)
+"""Working load limits of one leg of chain [kg]: grade 8 by EN 818-4, then grade 10 as makers sell
+it; both read in catalogues."""
+
+CHAIN_SET_LIMITS = {
+    2: (1600.0, 2120.0, 2800.0, 4250.0, 7500.0, 11200.0, 17000.0, 21200.0, 30000.0, 45000.0),
+    3: (2360.0, 3150.0, 4250.0, 6700.0, 11200.0, 17000.0, 26500.0, 31500.0, 45000.0, 67000.0),
+}
+"""Working load limits on the tags of sets of two legs of chain, and of three or four, up to 45°
+from the vertical [kg], for grade 8 by EN 818-4."""
 
 ANGLE_TOLERANCE = math.radians(5.0)
 """Difference of the entered angle of a sling and that of its length, above which one of them is
@@ -417,6 +433,7 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     spreader = details.spreader or Spreader()
     for quantity, value, table, field in (
         (SLING_LIMIT, slings.limit, "rigging.slings", "limit"),
+        (SET_LIMIT, slings.set_limit, "rigging.slings", "set_limit"),
         (SLING_LENGTH, slings.length, "rigging.slings", "length"),
         (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
         (SPREADER_HEIGHT, spreader.height, "rigging.spreader", "height"),
@@ -428,6 +445,16 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     if site.load is not None:
         half = np.ptp(site.load, axis=0) / 2.0
         yield from _of_points(details.load, half)
+
+
+def is_limit_of_a_set(slings: Slings) -> bool:
+    """Return whether the limit that was entered for one leg of a chain sling can only be that of a
+    set: it is on the tags of `CHAIN_SET_LIMITS` and not among `CHAIN_LIMITS`.
+    """
+    if slings.type != "chain" or slings.limit is None or slings.number is None:
+        return False
+    of_sets = CHAIN_SET_LIMITS.get(min(slings.number, 3), ())
+    return slings.limit in of_sets and slings.limit not in CHAIN_LIMITS
 
 
 def _of_legs(details: PlanDetails) -> Iterator[Finding]:
@@ -444,6 +471,14 @@ def _of_legs(details: PlanDetails) -> Iterator[Finding]:
                 "from the horizontal?"
             )
             yield Finding(table, "angle", False, sentence)
+    if is_limit_of_a_set(slings):
+        assert slings.limit is not None
+        sentence = (
+            f"The limit of one leg is {_number(slings.limit)} kg, which no single leg of chain "
+            f"of grade 8 or 10 has, and a set of {slings.number} legs has on its tag. Is it that "
+            "of the set? Then write it as set_limit."
+        )
+        yield Finding(table, "limit", False, sentence)
     count = len(details.load.lifting_points)
     if count and slings.number not in (None, count) and details.spreader is None:
         sentence = f"There are {slings.number} legs and {count} lifting points of the load."

@@ -101,10 +101,53 @@ def test_a_leg_carries_half_of_what_hangs_in_the_slings_over_the_cosine_of_its_a
     assert leg.utilisation == pytest.approx(1287.0 / 1300.0)
     check = slings_bear(found)
     assert check is not None and check.holds is True
-    assert "pulls with 1.29 t at most, 99 % of its working load limit of 1.30 t" in check.sentence
+    assert (
+        "pulls with 1.29 t at most, 99 % of its working load limit of 1.30 t, entered as"
+        in check.sentence
+    )
     for changes in ({"limit": 1286.0}, {"angle": math.radians(61.0), "limit": 5000.0}):
         refused = slings_bear(pulling(planned(slings=replace(slings, **changes)), 1.1))
         assert refused is not None and refused.holds is False
+
+
+def test_a_set_is_judged_by_its_leg_and_by_its_tag() -> None:
+    """900 · 1.43 kg = 1,287 kg hang in the slings. At 60° a leg of four pulls with as much, so that
+    the set needs a tag of 2.1 times that. At 20° two legs are limited by their tag: a leg pulls
+    with ½ · 1,287 kg / cos 20°, three quarters of what it may of a tag of 1,287 kg.
+    """
+    steep = Slings(number=4, angle=math.radians(60.0), set_limit=2.1 * 1288.0)
+    for limit, holds in ((2.1 * 1288.0, True), (2.1 * 1286.0, False)):
+        check = slings_bear(pulling(planned(slings=replace(steep, set_limit=limit)), 1.1))
+        assert check is not None and check.holds is holds, check.sentence
+        assert "follows from 2.70 t on the tag of the set" in check.sentence
+    upright = Slings(number=2, angle=math.radians(20.0), set_limit=1288.0)
+    for limit, holds in ((1288.0, True), (1286.0, False)):
+        found = pulling(planned(slings=replace(upright, set_limit=limit)), 1.1)
+        check = slings_bear(found)
+        assert check is not None and check.holds is holds, check.sentence
+        leg = sling_force(found)
+        assert leg is not None and leg.force < 0.8 * leg.limit
+        assert leg.utilisation == pytest.approx(1287.0 / limit)
+
+
+@pytest.mark.parametrize(
+    ("slings", "shown", "hidden"),
+    [
+        (Slings(number=2, angle=0.5, limit=2000.0), "<dt>WLL of one leg</dt><dd>2.00 t<", "tag"),
+        (
+            Slings(number=2, angle=0.5, set_limit=2800.0),
+            "<dt>WLL of the set, on its tag</dt><dd>2.80 t up to 45°<",
+            "<dd>2.80 t<",
+        ),
+    ],
+)
+def test_the_page_says_whether_a_limit_is_of_a_leg_or_of_a_set(
+    monkeypatch: pytest.MonkeyPatch, slings: Slings, shown: str, hidden: str
+) -> None:
+    monkeypatch.setattr(Judgement, "figures", {})
+    found = planned(slings=slings)
+    page = unescape(Judgement(found, run_checks(found)).html())
+    assert shown in page and hidden not in page.split("<dt>Slings</dt>")[1].split("Headroom")[0]
 
 
 def test_dynamics_of_the_simulated_lift_are_in_the_force_of_a_leg() -> None:
