@@ -93,6 +93,15 @@ def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
     return defaults + [a for a in others if a.field.startswith((*COUNTING_FIELDS, "--"))]
 
 
+def other_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
+    """Return the assumptions that are not among `counting_assumptions`: crane, structure, base,
+    load, rope, obstacles; those that are estimates first.
+    """
+    counting = {assumption.name for assumption in counting_assumptions(analysis)}
+    others = [a for a in analysis.inputs.assumptions if a.name not in counting]
+    return sorted(others, key=lambda assumption: assumption.origin is not Origin.ESTIMATED)
+
+
 def field_groups(analysis: LiftAnalysis) -> list[FieldGroup]:
     """Return the fields of the pages behind the first, by subject."""
     groups = [

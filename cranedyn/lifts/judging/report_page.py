@@ -34,6 +34,7 @@ from cranedyn.lifts.judging.plan_fields import (
     counting_assumptions,
     field_groups,
     identification,
+    other_assumptions,
     signatures,
 )
 from cranedyn.lifts.judging.plan_record import NO_GO, PlanMark
@@ -122,6 +123,7 @@ def lift_html(
         wind=named.pop(WIND_TITLE),
         positions=named.pop(places),
         counting=counting_assumptions(analysis),
+        others=other_assumptions(analysis),
         signatures=signatures(analysis),
         checks=worst_first(checks),
         not_checked=not_checked(analysis, checks),

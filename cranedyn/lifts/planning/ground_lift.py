@@ -98,6 +98,12 @@ _DRUM_MASS_RATIO = 5.0
 _MAX_DAMPING_RATIO = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
 
+ROPE_STIFFNESS = 2e7
+"""Stiffness EA of a fall of the rope where a caller gives none [N]."""
+
+CREEP_SPEED = 0.1
+"""Largest speed at which a load is lifted off or set down where a caller gives none [m/s]."""
+
 _ANY_STIFFNESS = 2e7
 """Stiffness of a rope that hangs slack above a load that stands [N], which decides nothing."""
 
@@ -279,10 +285,10 @@ def not_grounded(lift: Lift, *, certified: bool) -> str:
 def from_ground(
     lift: Lift,
     *,
-    rope_stiffness: float = 2e7,
+    rope_stiffness: float = ROPE_STIFFNESS,
     falls: int | None = None,
-    creep: float = 0.1,
-    sink_rate: float = 0.1,
+    creep: float = CREEP_SPEED,
+    sink_rate: float = CREEP_SPEED,
     stands: tuple[bool, bool] = (True, True),
     hook: HookBlock | None = None,
     drum_inertia: float | None = None,
