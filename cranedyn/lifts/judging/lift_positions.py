@@ -4,14 +4,14 @@ category of the lift that follows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.loads import hanging_mass
-from cranedyn.lifts.judging.numbered_positions import end_names
+from cranedyn.lifts.judging.numbered_positions import end_names, standing_loads
 
 CATEGORIES = ("routine", "intermediate", "complex", "critical")
 """Categories of a lift, the lightest first."""
@@ -56,9 +56,11 @@ class LiftPosition:
 
 
 def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
-    """Return pick-up, largest radius and set-down of a lift in the order of time, the first and the
-    last where the load hangs. For a crane that does not slew the place at which a wheel presses
-    most takes the place of the largest radius; it is left out if the wheels are not known either.
+    """Return pick-up, largest radius and set-down of a lift in the order of time. A load that
+    stands is picked up from its support and set down on one, and hangs above both before and after
+    the planned motion: these are positions, too. For a crane that does not slew the place at which
+    a wheel presses most takes the place of the largest radius; it is left out if the wheels are not
+    known either.
     """
     rows = np.arange(len(analysis.loads.t))[analysis.hangs]
     first = int(rows[0])
@@ -72,7 +74,18 @@ def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
     elif wheels is not None:
         named.append(("largest wheel force", int(rows[wheels[rows].argmax()])))
     named.append((last_name, last))
-    return [_position(analysis, name, row, wheels) for name, row in named]
+    positions = [_position(analysis, name, row, wheels) for name, row in named]
+    # The hoist alone moves between a support and the place above it: radius and rated load are
+    # those of the load that hangs, since a slack rope has no utilisation to take them from.
+    stands = standing_loads(analysis)
+    if stands.pick_up is not None:
+        place = stands.pick_up.centre
+        positions.insert(0, replace(positions[0], name="pick-up", t=0.0, place=place))
+    if stands.set_down is not None:
+        place = stands.set_down.centre
+        t = float(analysis.loads.t[-1])
+        positions.append(replace(positions[-1], name="set-down", t=t, place=place))
+    return positions
 
 
 def largest_wheel_force(analysis: LiftAnalysis) -> np.ndarray | None:

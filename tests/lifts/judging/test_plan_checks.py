@@ -312,6 +312,34 @@ def test_pick_up_and_set_down_have_the_rated_load_of_the_chart_at_their_radius()
     assert [row[3] for row in positions_table(unknown).rows] == [None, None, None]
 
 
+@cache
+def from_the_ground() -> LiftAnalysis:
+    """The lift of the example, from ground to ground: its load is 1.2 m high."""
+    return judge(read_site("signed_lift"), requirements=Requirements(lifts=0, gusts=0)).analysis
+
+
+def test_a_load_that_stands_is_picked_up_and_set_down_on_the_ground() -> None:
+    positions = lift_positions(from_the_ground())
+    names = ["pick-up", "lifted off", "largest radius", "above set-down", "set-down"]
+    assert [position.name for position in positions] == names
+    first, off, _, above, last = positions
+    for stands, hangs, place in ((first, off, (6.0, -14.0)), (last, above, (13.0, 9.0))):
+        # Half of its height above the ground, into which a load at rest sinks by 2 mm.
+        np.testing.assert_allclose(stands.place, [*place, 0.6], atol=0.01)
+        np.testing.assert_allclose(hangs.place[:2], place, atol=0.02)
+        assert hangs.place[2] > 1.0
+        assert (stands.radius, stands.rated) == (hangs.radius, hangs.rated)
+        assert stands.radius == pytest.approx(math.hypot(*place), abs=0.02)
+
+
+def test_the_sequence_begins_and_ends_where_the_load_stands() -> None:
+    first, *_, last = lift_steps(from_the_ground())
+    assert first.movements[0].startswith("Lift off from (6.0, -14.0, 0.6): take up the slack")
+    np.testing.assert_allclose(last.place, [13.0, 9.0, 0.6], atol=0.01)
+    above = lift_positions(from_the_ground())[-2]
+    assert f"lower the load by {above.place[2] - 0.6:.1f} m onto its support" in last.movements[0]
+
+
 def of_share(share: float, **limits: bool) -> LiftAnalysis:
     """The lift with a chart of which its gross load is a share, and what the site says of it."""
     made = planned(limits=SiteLimits(**limits))

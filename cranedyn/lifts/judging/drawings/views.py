@@ -41,7 +41,12 @@ from cranedyn.lifts.judging.drawings.swept import (
     swept_areas,
     unit_in_plan,
 )
-from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
+from cranedyn.lifts.judging.numbered_positions import (
+    Position,
+    StandingLoads,
+    numbered_positions,
+    standing_loads,
+)
 from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
@@ -80,6 +85,7 @@ class LiftScene:
         swept: What the lift sweeps in plan.
         nearest: Nearest points of what hangs and the nearest obstacle; None if there are none, or
             they are of the crane itself.
+        stands: Where the load stands before and after.
     """
 
     analysis: LiftAnalysis
@@ -87,6 +93,7 @@ class LiftScene:
     shapes: list[CraneShapes]
     swept: SweptAreas
     nearest: NearestPoints | None
+    stands: StandingLoads
 
     @classmethod
     def of(cls, analysis: LiftAnalysis) -> LiftScene:
@@ -94,7 +101,14 @@ class LiftScene:
         lift = analysis.certificate.lift
         positions = numbered_positions(analysis)
         shapes = [crane_shapes(lift.clearance, position.place) for position in positions]
-        return cls(analysis, positions, shapes, swept_areas(lift), _nearest_points(analysis))
+        return cls(
+            analysis,
+            positions,
+            shapes,
+            swept_areas(lift),
+            _nearest_points(analysis),
+            standing_loads(analysis),
+        )
 
     @cached_property
     def plan(self) -> Drawing:
@@ -427,6 +441,14 @@ def _position_notes(scene: LiftScene) -> list[str]:
             f"{position.number} {position.name}: {where}, hook +{scene.hook_height(i):.1f} m, "
             f"load's underside +{under:.1f} m"
         )
+    for load, i in zip(scene.stands, (0, len(scene.positions) - 1), strict=True):
+        if load is not None:
+            number = scene.positions[i].number
+            line = (
+                f"{load.name}, below {number}: R {scene.radius(i):.1f} m, the load stands, "
+                f"underside {load.underside - ground:+.1f} m"
+            )
+            lines.insert(0 if i == 0 else len(lines), line)
     return lines
 
 
@@ -559,6 +581,11 @@ def elevation_view(scene: LiftScene) -> Drawing:
     primitives += scene.with_names(scene.solids_in_elevation)
     primitives += _crane_in_elevation(scene)
     primitives.append(polyline("path", _flat_path(scene)))
+    for load, index in zip(scene.stands, (0, len(scene.positions) - 1), strict=True):
+        if load is not None:
+            flat = plane_at(scene, index).flat(load.corners)
+            primitives += _area("load", hull_of(flat))
+            primitives.append(Label("load", as_point(flat.mean(axis=0)), load.name))
     for i, position in enumerate(scene.positions):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
