@@ -38,8 +38,8 @@ CHART_COVERS = frozenset(
     {
         "payload_mass", "payload_inertia", "payload_ixx", "payload_iyy", "payload_izz",
         "lug_height", "mast_height", "pivot_height", "total_height", "hoist_min", "hoist_max",
-        "counter_jib", "slew_init", "trolley_init", "hoist_init", "slew_limit",
-        "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
+        "counter_jib", "mast_width", "foot_width", "slew_init", "trolley_init", "hoist_init",
+        "slew_limit", "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
     }
 )  # fmt: skip
 """Arguments of the shipped crane that its chart is valid for whatever they are.
@@ -176,7 +176,7 @@ def _lift_off(site: Site, falls: int | None) -> list[Assumption]:
     return [
         Assumption(
             "stiffness EA of the rope, at lift-off and set-down",
-            f"{count * ROPE_STIFFNESS:.3g} N on {on_falls}; it has no mass",
+            f"{count * ROPE_STIFFNESS:.3g} N on {on_falls}, no mass",
             Origin.ASSUMED,
         ),
         Assumption(

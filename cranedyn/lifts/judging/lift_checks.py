@@ -238,7 +238,8 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     smallest, largest = corners
     presses = (
         f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
-        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
+        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance and without wind on "
+        "the crane"
     )
     if permitted is None and site.details.ground.permitted_pressure is not None:
         return Check(f"{presses}; what the ground bears is judged by its pressure.", smallest > 0.0)

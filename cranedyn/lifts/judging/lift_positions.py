@@ -11,7 +11,7 @@ import numpy as np
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.loads import hanging_mass
-from cranedyn.lifts.judging.numbered_positions import end_names, standing_loads
+from cranedyn.lifts.judging.numbered_positions import end_names, loads_at_rest
 
 CATEGORIES = ("routine", "intermediate", "complex", "critical")
 """Categories of a lift, the lightest first."""
@@ -77,7 +77,7 @@ def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
     positions = [_position(analysis, name, row, wheels) for name, row in named]
     # The hoist alone moves between a support and the place above it: radius and rated load are
     # those of the load that hangs, since a slack rope has no utilisation to take them from.
-    stands = standing_loads(analysis)
+    stands = loads_at_rest(analysis)
     if stands.pick_up is not None:
         place = stands.pick_up.centre
         positions.insert(0, replace(positions[0], name="pick-up", t=0.0, place=place))

@@ -148,7 +148,7 @@ def _details_rows(analysis: LiftAnalysis) -> list[Row]:
     permitted = analysis.site.details.ground.permitted_pressure
     if pressure is not None and permitted is not None:
         shown = f"{permitted / 1e3:g} kPa"
-        rows.append(["pressure on the ground", f"{pressure / 1e3:.0f} kPa", shown])
+        rows.append(["pressure on the ground, calm air", f"{pressure / 1e3:.0f} kPa", shown])
     return rows
 
 

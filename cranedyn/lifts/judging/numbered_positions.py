@@ -75,7 +75,7 @@ def end_names(analysis: LiftAnalysis) -> tuple[str, str]:
 
 
 @dataclass(frozen=True, eq=False)
-class StandingLoad:
+class LoadAtRest:
     """Where the load stands before it is lifted off, or after it was set down.
 
     Attributes:
@@ -97,7 +97,7 @@ class StandingLoad:
         return float(self.corners[:, 2].min())
 
 
-class StandingLoads(NamedTuple):
+class LoadsAtRest(NamedTuple):
     """Where the load stands at both ends of a lift; None where it hangs, or lift-off and set-down
     were not simulated.
 
@@ -106,23 +106,23 @@ class StandingLoads(NamedTuple):
         set_down: After it was set down.
     """
 
-    pick_up: StandingLoad | None
-    set_down: StandingLoad | None
+    pick_up: LoadAtRest | None
+    set_down: LoadAtRest | None
 
 
-def standing_loads(analysis: LiftAnalysis) -> StandingLoads:
+def loads_at_rest(analysis: LiftAnalysis) -> LoadsAtRest:
     """Return where the load stands at both ends of the simulated run."""
     grounded = analysis.grounded
     if grounded is None:
-        return StandingLoads(None, None)
-    found: list[StandingLoad | None] = []
+        return LoadsAtRest(None, None)
+    found: list[LoadAtRest | None] = []
     for phase, name, row in (("lift-off", "pick-up", 0), ("set-down", "set-down", -1)):
         stands = None
         if phase in grounded.lift.phases:
             in_crane = load_corners(grounded.lift, grounded.run.q[row])
-            stands = StandingLoad(name, analysis.site.to_site(in_crane))
+            stands = LoadAtRest(name, analysis.site.to_site(in_crane))
         found.append(stands)
-    return StandingLoads(*found)
+    return LoadsAtRest(*found)
 
 
 def turning_rows(places: np.ndarray, corners: np.ndarray, rates: np.ndarray) -> list[int]:

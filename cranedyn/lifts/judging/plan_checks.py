@@ -67,7 +67,8 @@ def not_checked(analysis: LiftAnalysis, checks: Sequence[Check]) -> list[str]:
     sentences = []
     for function, sentence in PLAN_CHECKS.items():
         # A crane on rails has wheel loads in the place of a pressure on the ground.
-        applies = bool(sentence) and not (function is ground_bears and on_rails)
+        of_ground = function in (ground_bears, papers_bear)
+        applies = bool(sentence) and not (of_ground and on_rails)
         if applies and function.__name__ not in made:
             sentences.append(sentence)
     return sentences
@@ -366,9 +367,72 @@ def ground_bears(analysis: LiftAnalysis) -> Check | None:
         )
     return Check(
         f"Below a mat of {ground.mat_length:g} m by {ground.mat_width:g} m the ground bears "
-        f"{pressure / 1e3:.0f} kPa at most, the weight of the mat not counted; {permitted}.",
+        f"{pressure / 1e3:.0f} kPa at most, without wind on the crane, the weight of the mat not "
+        f"counted; {permitted}.",
         pressure <= ground.permitted_pressure,
     )
+
+
+def papers_bear(analysis: LiftAnalysis) -> Check | None:
+    """Check that the ground bears the largest force of a corner by the papers of the crane, in
+    service with wind on its structure and out of service: the permitted force, and the permitted
+    pressure below a mat, as far as they are entered.
+    """
+    papers = analysis.site.details.crane
+    named = {"in service": papers.corner_in_service, "out of service": papers.corner_out_of_service}
+    known = {name: force for name, force in named.items() if force is not None}
+    if not known:
+        return None
+    missing = [name for name in named if name not in known]
+    if missing:
+        return Check(
+            f"The ground with wind on the crane is not judged {missing[0]}: [crane] lacks "
+            f"corner_{missing[0].replace(' ', '_')}.",
+            None,
+        )
+    largest = max(known.values())
+    forces = " and ".join(f"{force / 1e3:.0f} kN {name}" for name, force in known.items())
+    sentence = f"By the crane's papers a corner presses with {forces}, wind on the crane included"
+    base = analysis.site.base
+    permitted_force = None if base is None else base.permitted
+    ground = analysis.site.details.ground
+    limits = []
+    holds = True
+    if permitted_force is not None:
+        limits.append(f"{permitted_force / 1e3:.0f} kN permitted")
+        holds = largest <= permitted_force
+    if ground.permitted_pressure is not None:
+        if ground.mat_length is None or ground.mat_width is None:
+            return Check(f"{sentence}; not judged, since [ground] lacks mat.", None)
+        pressure = largest / (ground.mat_length * ground.mat_width)
+        limits.append(
+            f"{pressure / 1e3:.0f} kPa below a mat, {ground.permitted_pressure / 1e3:g} kPa "
+            "permitted"
+        )
+        holds = holds and pressure <= ground.permitted_pressure
+    if not limits:
+        return Check(
+            f"{sentence}; not judged, since neither [base] permitted nor [ground] "
+            "permitted_pressure is entered.",
+            None,
+        )
+    return Check(f"{sentence}; {'; '.join(limits)}.", holds)
+
+
+def ground_caveat(analysis: LiftAnalysis) -> str:
+    """Return what the computed forces on the ground leave out, in a sentence; empty for a crane
+    without corners.
+    """
+    if corner_range(analysis) is None:
+        return ""
+    papers = analysis.site.details.crane
+    sentence = "Computed forces and pressures on the ground are without wind on the crane"
+    if papers.corner_in_service is None or papers.corner_out_of_service is None:
+        return (
+            f"{sentence}: the ground in service with wind, and out of service, is not judged. Take "
+            "the forces of the corners from the crane's papers."
+        )
+    return f"{sentence}; with wind, in service and out of service, those of its papers count."
 
 
 # --- wind -----------------------------------------------------------------------------------------
@@ -444,6 +508,10 @@ PLAN_CHECKS: dict[PlanCheck, str] = {
         "Whether the hook block fits below the upper end of the rope: [rigging] lacks hook_height."
     ),
     ground_bears: "The pressure on the ground: [ground] lacks permitted_pressure.",
+    papers_bear: (
+        "The ground with wind on the crane, in service and out of service: [crane] lacks "
+        "corner_in_service and corner_out_of_service, the largest forces of a corner by its papers."
+    ),
     gust_below_all_limits: (
         "The wind in which maker or site stop the crane: neither [crane] wind_limit nor [limits] "
         "wind is entered."

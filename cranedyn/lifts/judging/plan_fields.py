@@ -24,7 +24,9 @@ from cranedyn.lifts.judging.table import place_text
 from cranedyn.lifts.planning.plan_details import LiftInShift, Slings
 from cranedyn.lifts.planning.rigging import leg_limit
 
-COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
+COUNTING_FIELDS = (
+    *("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives] rates"),
+)
 """Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
 people on the site can watch."""
 
@@ -184,6 +186,7 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         ),
         PlanField("Headroom", room),
     ]
+    fields.append(PlanField("Tag lines", details.tag_lines))
     if spreader is None:
         fields.append(PlanField("Spreader", "none entered"))
     else:
@@ -229,6 +232,9 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     if slews or ballast is not None:
         shown = None if ballast is None else tonnes(ballast)
         fields.append(PlanField("Counter-ballast", shown))
+    ballast = crane.central_ballast
+    if analysis.site.is_tower or ballast is not None:
+        fields.append(PlanField("Central ballast", None if ballast is None else tonnes(ballast)))
     height = crane.height_under_hook
     fields += [
         PlanField("Falls", None if analysis.inputs.falls is None else f"{analysis.inputs.falls}"),
@@ -238,6 +244,7 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Date of the chart", crane.chart_date),
         PlanField("Wind limit of the maker", None if limit is None else wind_text(limit)),
         PlanField("Wind measured by", crane.wind_measured),
+        PlanField("Out of service", crane.out_of_service),
     ]
     return FieldGroup("Crane", fields)
 
@@ -262,18 +269,50 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     if ground.mat_length is not None and ground.mat_width is not None:
         mat = f"{ground.mat_length:g} m × {ground.mat_width:g} m"
     bears = ground.permitted_pressure
+    papers = analysis.site.details.crane
+    in_service = papers.corner_in_service
+    out_of_service = papers.corner_out_of_service
     fields = [
+        *_corner_fields(analysis),
         PlanField(
-            "Largest force of a corner, heavier load",
+            "Largest force of a corner, heavier load, no wind on the crane",
             None if forces is None else kilonewtons(forces[1]),
+        ),
+        PlanField(
+            "By the papers, in service with wind",
+            None if in_service is None else kilonewtons(in_service),
+        ),
+        PlanField(
+            "By the papers, out of service",
+            None if out_of_service is None else kilonewtons(out_of_service),
         ),
         PlanField("Permitted force", None if force is None else kilonewtons(force)),
         PlanField("Mat below each corner", mat),
-        PlanField("Bearing pressure", None if pressure is None else f"{pressure / 1e3:.0f} kPa"),
+        PlanField(
+            "Bearing pressure, no wind on the crane",
+            None if pressure is None else f"{pressure / 1e3:.0f} kPa",
+        ),
         PlanField("Permitted pressure", None if bears is None else f"{bears / 1e3:g} kPa"),
         PlanField("From", ground.pressure_source),
     ]
     return FieldGroup("Ground", fields)
+
+
+def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
+    """Return the forces of each corner of the base while the lift lasts, with its place from the
+    middle of the base; of a crane whose corners are not known an empty field.
+    """
+    base = analysis.site.base
+    if base is None or "corner_1_N" not in analysis.loads.values:
+        return [PlanField("Force of each corner", None)]
+    axes = "the crane" if base.turns_with_crane else "the site"
+    fields = []
+    # The corners in the order of `cranedyn.lifts.judging.loads.corner_forces`.
+    for i, (x, y) in enumerate((("+", "+"), ("−", "+"), ("−", "−"), ("+", "−")), start=1):
+        force = analysis.loads[f"corner_{i}_N"]
+        label = f"Corner at {x}x, {y}y of {axes}, load as entered"
+        fields.append(PlanField(label, f"{force.min() / 1e3:.0f} to {force.max() / 1e3:.0f} kN"))
+    return fields
 
 
 def _people(analysis: LiftAnalysis) -> FieldGroup:
@@ -283,6 +322,7 @@ def _people(analysis: LiftAnalysis) -> FieldGroup:
     fields = [
         PlanField("Exclusion zone", details.exclusion),
         PlanField("Communication", details.people.communication),
+        PlanField("Trial lift", details.trial_lift),
         PlanField("Over people or a public way", yes_or_no(limits.over_people)),
         PlanField("Over services", yes_or_no(limits.over_services)),
         PlanField("Blind for the operator", yes_or_no(limits.blind)),

@@ -48,9 +48,8 @@ def positions_table(analysis: LiftAnalysis) -> Table:
     falls = "" if analysis.inputs.falls is None else f" on {analysis.inputs.falls} falls"
     chart = "no chart was entered" if analysis.chart is None else f"{analysis.chart.name}{falls}"
     note = (
-        f"Rated capacity from the load chart: {chart}. The share is that of the load at rest; with "
-        "the dynamics of the lift it is the utilisation of the chart. Places are those of the "
-        "middle of the load."
+        f"Places: middle of the load. Rated capacity: {chart}. The share is that of the load at "
+        "rest; with the dynamics of the lift it is the utilisation of the chart."
     )
     return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
 

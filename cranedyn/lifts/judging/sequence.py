@@ -19,9 +19,9 @@ import pinocchio as pin
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.numbered_positions import (
     Position,
-    StandingLoad,
+    LoadAtRest,
     numbered_positions,
-    standing_loads,
+    loads_at_rest,
 )
 from cranedyn.lifts.judging.table import place_text
 from cranedyn.lifts.planning.clearance import Clearance
@@ -67,7 +67,7 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     """
     grounded = analysis.grounded
     positions = numbered_positions(analysis)
-    stands = standing_loads(analysis)
+    stands = loads_at_rest(analysis)
     steps: list[LiftStep] = []
     if grounded is not None and "lift-off" in grounded.lift.phases:
         movement = "Lift off: take up the slack, raise the load off its support, wait"
@@ -96,7 +96,7 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     return steps
 
 
-def _by(stands: StandingLoad, hangs: Position) -> str:
+def _by(stands: LoadAtRest, hangs: Position) -> str:
     """Return by how much a load that hangs is above the place where it stands, in words."""
     return f" by {float(hangs.centre[2] - stands.centre[2]):.1f} m"
 

@@ -46,7 +46,7 @@ CRANE_FIELDS = _fields_of(CraneDocuments)
 LOAD_FIELDS = _fields_of(LoadDetails)
 """Fields of [load] beside its size and its mass."""
 
-RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls")
+RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls", "tag_lines")
 """Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
 
 SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "set_limit", "certificate")
@@ -61,7 +61,7 @@ GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat", "north")
 LIMIT_FIELDS = _fields_of(SiteLimits)
 """Fields of [limits]."""
 
-SAFETY_FIELDS = ("exclusion", "contingency")
+SAFETY_FIELDS = ("exclusion", "trial_lift", "contingency")
 """Fields of [safety]."""
 
 SHIFT_FIELDS = _fields_of(LiftInShift)
@@ -121,7 +121,9 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         hook_block_height=tables["rigging"].optional_number("hook_height", "m", "> 0"),
         ground=_ground(tables["ground"]),
         limits=_limits(tables["limits"]),
+        tag_lines=tables["rigging"].optional_text("tag_lines"),
         exclusion=safety.optional_text("exclusion"),
+        trial_lift=safety.optional_text("trial_lift"),
         contingency=safety.texts("contingency"),
         shift=_shift(tables["shift"]),
     )
@@ -154,7 +156,17 @@ def _crane(crane: SiteTable) -> CraneDocuments:
         chart_date=crane.optional_text("chart_date"),
         wind_limit=crane.optional_number("wind_limit", "m/s", "> 0"),
         wind_measured=crane.optional_text("wind_measured"),
+        central_ballast=crane.optional_number("central_ballast", "kg", ">= 0"),
+        corner_in_service=_kilonewtons(crane, "corner_in_service"),
+        corner_out_of_service=_kilonewtons(crane, "corner_out_of_service"),
+        out_of_service=crane.optional_text("out_of_service"),
     )
+
+
+def _kilonewtons(table: SiteTable, field: str) -> float | None:
+    """Return a force [N] that the file gives in kilonewtons; None if it is left out."""
+    force = table.optional_number(field, "kN", "> 0")
+    return None if force is None else 1e3 * force
 
 
 def _load(load: SiteTable) -> LoadDetails:

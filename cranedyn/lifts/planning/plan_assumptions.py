@@ -22,7 +22,7 @@ MAX_LISTED = 8
 MASS_ARGUMENTS = {
     "trolley_mass": "mass of the trolley",
     "upper_mass": "mass of what slews, on the slew axis",
-    "slewing_inertia": "moment of inertia of what slews",
+    "slewing_inertia": "its moment of inertia",
     "dummy_mass": "mass of each link at the trolley",
 }
 """Arguments of the tower crane of this project that are masses of its structure, in words."""
@@ -176,10 +176,12 @@ def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
             value = f"{site.crane[argument]:,.0f} {unit}"
             yield Assumption(name, value, Origin.ENTERED, f"[crane.values] {argument}")
         else:
-            shipped.append(f"{name} {float(known[argument].default):,.0f} {unit}")
+            shipped.append(
+                f"{name.removeprefix('mass of ')} {float(known[argument].default):,.0f} {unit}"
+            )
     if shipped:
         yield Assumption(
-            "masses of the crane as shipped", "; ".join(shipped), Origin.SHIPPED, "[crane.values]"
+            "masses of the crane as shipped", ", ".join(shipped), Origin.SHIPPED, "[crane.values]"
         )
 
 

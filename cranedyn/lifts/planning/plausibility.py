@@ -174,6 +174,14 @@ HOOK_HEIGHT = Quantity("The height of the hook block", "m", (1e-3, 50.0), (0.1, 
 SPREADER_HEIGHT = Quantity("The height of the spreader", "m", (0.0, 50.0), (0.0, 10.0), MILLIMETRES)
 JIB_LENGTH = Quantity("The length of the jib", "m", (0.01, 500.0), (0.2, 150.0), MILLIMETRES)
 COUNTER_BALLAST = Quantity("The counter-ballast", "kg", (0.0, 1e8), (100.0, 5e6), TONNES)
+CENTRAL_BALLAST = Quantity("The central ballast", "kg", (0.0, 1e8), (100.0, 5e6), TONNES)
+CORNER_FORCE = Quantity(
+    "The force of a corner",
+    "kN",
+    (0.0, 1e5),
+    (1.0, 2e4),
+    {"newtons": 1e-3, "tonnes": 9.81},
+)
 HEIGHT_UNDER_HOOK = Quantity(
     "The height under hook", "m", (0.01, 1500.0), (0.2, 300.0), MILLIMETRES
 )
@@ -533,10 +541,17 @@ def _of_plan(site: Site) -> Iterator[Finding]:
     load = site.details.load
     mats = (ground.mat_length, ground.mat_width)
     share = None if limits.chart_share is None else 100.0 * limits.chart_share
+    in_service = None if crane.corner_in_service is None else crane.corner_in_service / 1e3
+    out_of_service = None
+    if crane.corner_out_of_service is not None:
+        out_of_service = crane.corner_out_of_service / 1e3
     pressure = None if ground.permitted_pressure is None else ground.permitted_pressure / 1e3
     for quantity, value, table, field in (
         (JIB_LENGTH, crane.jib_length, "crane", "jib_length"),
         (COUNTER_BALLAST, crane.counter_ballast, "crane", "counter_ballast"),
+        (CENTRAL_BALLAST, crane.central_ballast, "crane", "central_ballast"),
+        (CORNER_FORCE, in_service, "crane", "corner_in_service"),
+        (CORNER_FORCE, out_of_service, "crane", "corner_out_of_service"),
         (HEIGHT_UNDER_HOOK, crane.height_under_hook, "crane", "height_under_hook"),
         (WIND_LIMIT, crane.wind_limit, "crane", "wind_limit"),
         (WIND_LIMIT, limits.wind, "limits", "wind"),

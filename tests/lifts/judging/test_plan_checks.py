@@ -36,12 +36,14 @@ from cranedyn.lifts.judging.plan_checks import (
     gust_below_all_limits,
     headroom,
     not_checked,
+    papers_bear,
     plan_checks,
     rope_above_hook_block,
     sling_force,
     slings_bear,
     spreader_bears,
 )
+from cranedyn.lifts.judging.plan_fields import PlanField, field_groups
 from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
 from cranedyn.lifts.judging.sequence import lift_steps
 from cranedyn.lifts.planning.clearance import Nearest
@@ -255,6 +257,79 @@ def test_a_permitted_pressure_takes_the_place_of_a_permitted_force() -> None:
     assert corners.holds is True and "judged by its pressure" in corners.sentence
 
 
+@pytest.mark.parametrize(
+    ("in_service", "out_of_service", "holds", "words"),
+    [
+        (300e3, 380e3, True, "with 300 kN in service and 380 kN out of service, wind on the crane"),
+        (300e3, 401e3, False, "400 kN permitted"),
+        (401e3, 300e3, False, "400 kN permitted"),
+        (300e3, None, None, "[crane] lacks corner_out_of_service"),
+        (None, 300e3, None, "[crane] lacks corner_in_service"),
+    ],
+)
+def test_the_ground_bears_what_the_papers_have_with_wind(
+    in_service: float | None, out_of_service: float | None, holds: bool | None, words: str
+) -> None:
+    """The base of the crane permits 400 kN."""
+    crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
+    check = papers_bear(planned(crane=crane))
+    assert check is not None and check.holds is holds and words in check.sentence
+
+
+def test_the_pressure_with_wind_is_that_of_the_papers_on_the_mat() -> None:
+    crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
+    for permitted, holds in ((100.1e3, True), (99.9e3, False)):
+        ground = GroundDetails(permitted, None, 2.0, 1.5)
+        check = papers_bear(planned(crane=crane, ground=ground))
+        assert (
+            check is not None and check.holds is holds and "100 kPa below a mat" in check.sentence
+        )
+    no_mat = papers_bear(planned(crane=crane, ground=GroundDetails(permitted_pressure=1e5)))
+    assert no_mat is not None and no_mat.holds is None
+
+
+def test_the_first_page_says_that_forces_on_the_ground_are_without_wind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Judgement, "figures", {})
+    crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
+    for found, words in (
+        (bare(), "in service with wind, and out of service, is not judged"),
+        (planned(crane=crane), "those of its papers count"),
+    ):
+        page = unescape(Judgement(found, run_checks(found)).html())
+        assert words in page[: page.index("Sign-off")]
+
+
+def test_each_corner_of_the_base_has_its_forces() -> None:
+    """The load goes from (6, -12) to (6, 12) m: the corner at +x, -y presses most when it is picked
+    up, and that at +x, +y when it is set down.
+    """
+    ground = next(group for group in field_groups(bare()) if group.title == "Ground")
+    forces = {}
+    for field in ground.fields[:4]:
+        assert field.value is not None
+        largest = re.fullmatch(r"(\d+) to (\d+) kN", field.value)
+        assert largest is not None
+        forces[field.label.split(" of the site")[0]] = float(largest[2])
+    assert forces["Corner at +x, +y"] == pytest.approx(forces["Corner at +x, −y"], rel=0.05)
+    assert forces["Corner at +x, +y"] > 1.1 * forces["Corner at −x, −y"]
+    no_base = replace(bare(), site=replace(bare().site, base=None))
+    ground = next(group for group in field_groups(no_base) if group.title == "Ground")
+    assert ground.fields[0] == PlanField("Force of each corner", None)
+
+
+def test_tag_lines_trial_lift_ballast_and_storm_are_fields_to_be_filled_in() -> None:
+    labels = ("Tag lines", "Trial lift", "Central ballast", "Out of service")
+    crane = CraneDocuments(central_ballast=40e3, out_of_service="brake open")
+    entered = planned(crane=crane, tag_lines="two", trial_lift="0.3 m high")
+    for found, values in ((bare(), [None] * 4), (entered, ["two", "0.3 m high", "40.00 t", None])):
+        fields = {f.label: f.value for group in field_groups(found) for f in group.fields}
+        shown = [fields[label] for label in labels]
+        assert shown[:3] == values[:3]
+        assert shown[3] == (None if found is bare() else "brake open")
+
+
 def test_the_least_limit_of_the_wind_counts() -> None:
     """The lift is simulated in gusts up to 8 m/s and must be possible in 8 m/s."""
     for maker, site, holds, whose in (
@@ -453,7 +528,7 @@ def test_the_wind_acts_on_the_area_and_drag_that_are_entered() -> None:
 def test_what_nobody_entered_is_no_check_and_said_beside_the_checks() -> None:
     assert plan_checks(bare()) == []
     missing = not_checked(bare(), plan_checks(bare()))
-    assert len(missing) == 6
+    assert len(missing) == 7
     for words in ("slings", "lifting_points", "height_under_hook", "permitted_pressure"):
         assert any(words in sentence for sentence in missing)
 

@@ -40,6 +40,7 @@ jib_length = 22.0
 counter_ballast = 3000.0
 height_under_hook = 26.0
 wind_limit = 20.0
+corner_in_service = 300.0
 [ground]
 height = 0.0
 permitted_pressure = 150.0
@@ -93,6 +94,7 @@ def test_a_lift_plan_is_what_its_tables_enter_in_si_units(tmp_path: Path) -> Non
         counter_ballast=3000.0,
         height_under_hook=26.0,
         wind_limit=20.0,
+        corner_in_service=300e3,
     )
     assert details.load == LoadDetails(
         "weighed", (0.1, -0.2, -0.1), ((0.0, -1.2, 0.6), (0.0, 1.2, 0.6)), 4.0, 1.3
@@ -128,7 +130,7 @@ def test_what_nobody_entered_has_no_value(tmp_path: Path) -> None:
         ('"chain"', '"rope"', "[rigging.slings] type: There is no type 'rope'"),
         ("number = 2\n", "number = 0\n", "[rigging.slings] number: number is 0"),
         ("angle = 25.0", "angle = 95.0", "angle is 95.0 degrees; allowed is 0 to 85"),
-        ("angle = 25.0", "angel = 25.0", "line 35, [rigging.slings] angel: There is no field"),
+        ("angle = 25.0", "angel = 25.0", "line 36, [rigging.slings] angel: There is no field"),
         ("limit = 2000.0", "limit = 2000.0\nset_limit = 2800.0", "set_limit: limit is given, too"),
         ("number = 2\n", "number = 5\nset_limit = 9.0\n", "set_limit: limit is given, too"),
         ("limit = 3000.0", "limit = -1.0", "[rigging.spreader] limit: limit is -1.0 kg"),

@@ -43,9 +43,9 @@ from cranedyn.lifts.judging.drawings.swept import (
 )
 from cranedyn.lifts.judging.numbered_positions import (
     Position,
-    StandingLoads,
+    LoadsAtRest,
     numbered_positions,
-    standing_loads,
+    loads_at_rest,
 )
 from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
@@ -93,7 +93,7 @@ class LiftScene:
     shapes: list[CraneShapes]
     swept: SweptAreas
     nearest: NearestPoints | None
-    stands: StandingLoads
+    stands: LoadsAtRest
 
     @classmethod
     def of(cls, analysis: LiftAnalysis) -> LiftScene:
@@ -107,7 +107,7 @@ class LiftScene:
             shapes,
             swept_areas(lift),
             _nearest_points(analysis),
-            standing_loads(analysis),
+            loads_at_rest(analysis),
         )
 
     @cached_property
@@ -446,10 +446,15 @@ def _position_notes(scene: LiftScene) -> list[str]:
             number = scene.positions[i].number
             line = (
                 f"{load.name}, below {number}: R {scene.radius(i):.1f} m, the load stands, "
-                f"underside {load.underside - ground:+.1f} m"
+                f"underside {_height(load.underside - ground)}"
             )
             lines.insert(0 if i == 0 else len(lines), line)
     return lines
+
+
+def _height(value: float) -> str:
+    """Return a height above ground to read [m]; what rounds to zero has no minus."""
+    return f"{round(value, 1) + 0.0:+.1f} m"
 
 
 def _plan_notes(scene: LiftScene) -> list[str]:
@@ -553,6 +558,40 @@ def plane_at(scene: LiftScene, index: int) -> ElevationPlane:
     return ElevationPlane(scene.analysis.site.foot, across_runway(scene.clearance))
 
 
+def standing_outlines(scene: LiftScene) -> list[np.ndarray]:
+    """Return the bodies that stand of the crane as an elevation shows them, shape (n, 2) each: of a
+    crane that turns square on, along that of their own axes which is nearest to the plane of the
+    first position. A square tower or base would look up to √2 times as wide in the plane of a jib
+    that points over its corner, and that plane is another one for each position.
+    """
+    shape = scene.shapes[0]
+    plane = plane_at(scene, 0)
+    site = scene.analysis.site
+    if shape.axis is None:
+        return [plane.flat(body) for body in shape.standing]
+    of_crane = _square_on(plane, site.crane_to_site[:2, :2])
+    of_base = of_crane
+    if site.base is not None and not site.base.turns_with_crane:
+        of_base = _square_on(plane, np.eye(2))
+    flat = [of_crane.flat(body) for body in shape.standing]
+    if site.base is not None:
+        flat[-1] = of_base.flat(shape.standing[-1])  # see `crane_shapes`
+    return flat
+
+
+def _square_on(plane: ElevationPlane, axes: np.ndarray) -> ElevationPlane:
+    """Return the plane along that of two axes in plan which is nearest to a plane.
+
+    Args:
+        plane: The plane.
+        axes: The axes as columns, unit vectors of the site, shape (2, 2).
+    """
+    along = plane.right @ axes
+    nearest = int(np.abs(along).argmax())
+    sign = 1.0 if along[nearest] >= 0.0 else -1.0
+    return ElevationPlane(plane.origin, sign * axes[:, nearest])
+
+
 def across_runway(clearance: Clearance) -> np.ndarray:
     """Return the direction in plan in which the second drive moves the load of a crane that does
     not turn, as a unit vector of the site, shape (2,).
@@ -613,8 +652,8 @@ def elevation_sketch(scene: LiftScene, index: int) -> Drawing:
         primitives += outlines[:-1]  # without its name
     shape = scene.shapes[index + 1]
     plane = plane_at(scene, index + 1)
-    for bodies in (shape.standing, shape.moving):
-        primitives += _outlines("crane", [plane.flat(body) for body in bodies])
+    primitives += _outlines("crane", standing_outlines(scene))
+    primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
     for i in (index, index + 1):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
@@ -650,7 +689,8 @@ def _elevation_notes(*, turns: bool) -> list[str]:
             "All positions are turned about the slew axis into one plane. Of the obstacles those "
             "parts are drawn that jib or load pass over or come near to, as boxes from their least "
             "to their largest radius there. What stands elsewhere, or behind the crane, is on the "
-            "plan only."
+            "plan only. What stands of the crane is drawn square on; its widths are those of the "
+            "model."
         ]
     return ["All is projected along the runway, also what stands before or behind the load."]
 
@@ -711,7 +751,7 @@ def _crane_in_elevation(scene: LiftScene) -> list[Primitive]:
     last_plane = plane_at(scene, len(scene.shapes) - 1)
     drawn = _outlines("crane later", [last_plane.flat(body) for body in last.moving])
     drawn += _outlines("crane", [plane.flat(body) for body in first.moving])
-    drawn += _outlines("crane", [plane.flat(body) for body in first.standing])
+    drawn += _outlines("crane", standing_outlines(scene))
     return drawn
 
 
