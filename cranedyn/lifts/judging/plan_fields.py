@@ -104,14 +104,19 @@ def other_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
     return sorted(others, key=lambda assumption: assumption.origin is not Origin.ESTIMATED)
 
 
-def field_groups(analysis: LiftAnalysis) -> list[FieldGroup]:
-    """Return the fields of the pages behind the first, by subject."""
+def field_groups(analysis: LiftAnalysis, in_zone: Sequence[str] = ()) -> list[FieldGroup]:
+    """Return the fields of the pages behind the first, by subject.
+
+    Args:
+        analysis: The lift.
+        in_zone: Names of what stands in its exclusion zone.
+    """
     groups = [
         _load(analysis),
         _rigging(analysis),
         _crane(analysis),
         _ground(analysis),
-        _people(analysis),
+        _people(analysis, in_zone),
     ]
     shift = analysis.site.details.shift
     return groups if shift is None else [_shift(shift), *groups]
@@ -315,12 +320,17 @@ def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
     return fields
 
 
-def _people(analysis: LiftAnalysis) -> FieldGroup:
+def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
     """Return how people are kept clear, speak, and act if something goes wrong."""
     details = analysis.site.details
     limits = details.limits
+    stands_in_zone = []
+    if in_zone:
+        stands_in_zone.append(PlanField("Stands in that zone", ", ".join(in_zone)))
+        stands_in_zone.append(PlanField("What is done about it", details.in_zone))
     fields = [
         PlanField("Exclusion zone", details.exclusion),
+        *stands_in_zone,
         PlanField("Communication", details.people.communication),
         PlanField("Trial lift", details.trial_lift),
         PlanField("Over people or a public way", yes_or_no(limits.over_people)),

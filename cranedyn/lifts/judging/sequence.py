@@ -18,10 +18,10 @@ import pinocchio as pin
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.numbered_positions import (
-    Position,
     LoadAtRest,
-    numbered_positions,
+    Position,
     loads_at_rest,
+    numbered_positions,
 )
 from cranedyn.lifts.judging.table import place_text
 from cranedyn.lifts.planning.clearance import Clearance

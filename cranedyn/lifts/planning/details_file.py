@@ -61,7 +61,7 @@ GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat", "north")
 LIMIT_FIELDS = _fields_of(SiteLimits)
 """Fields of [limits]."""
 
-SAFETY_FIELDS = ("exclusion", "trial_lift", "contingency")
+SAFETY_FIELDS = ("exclusion", "in_zone", "trial_lift", "contingency")
 """Fields of [safety]."""
 
 SHIFT_FIELDS = _fields_of(LiftInShift)
@@ -123,6 +123,7 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         limits=_limits(tables["limits"]),
         tag_lines=tables["rigging"].optional_text("tag_lines"),
         exclusion=safety.optional_text("exclusion"),
+        in_zone=safety.optional_text("in_zone"),
         trial_lift=safety.optional_text("trial_lift"),
         contingency=safety.texts("contingency"),
         shift=_shift(tables["shift"]),

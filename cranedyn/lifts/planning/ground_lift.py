@@ -35,6 +35,7 @@ from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.support import (
     NO_SUPPORT,
     Support,
+    balance_check,
     contact_check,
     meshes_at,
     support_of,
@@ -665,10 +666,13 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
     q, aside = _where_it_hangs(lift, run, phases)
     sections = [_Section(slice(phases.motion_begin, phases.motion_end + 1), NO_SUPPORT)]
     stands: list[tuple[str, Support, np.ndarray]] = []
+    ends: list[tuple[str, Support, np.ndarray]] = []
     for name, section in _sections_on_supports(lift, run, phases):
         corners = [load_corners(lift, state) for state in run.q[section.rows]]
         lowest = np.array([corner[:, 2].min() for corner in corners])
         stands.append((name, section.support, lowest))
+        at_rest = corners[0] if name == "start" else corners[-1]
+        ends.append((name, section.support, at_rest))
         sections.append(section)
 
     nearest_of_sections = []
@@ -699,6 +703,7 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
             bool(not unproven and nearest.distance >= clearance.site.distance),
         ),
         contact_check(stands),
+        balance_check(clearance, ends, centre_known=clearance.site.details.load.centre is not None),
         _slewing_check(lift, q),
         standing_check(standing_result),
         coverage_check(clearance, compared),

@@ -257,6 +257,7 @@ class PlanDetails:
         limits: Limits of the site.
         tag_lines: How the load is kept from turning, such as "two, of 10 m".
         exclusion: How the area below the load is kept clear, in words.
+        in_zone: What is done about people and services in what stands in that area, in words.
         trial_lift: How the load is tried before it is lifted, in words.
         contingency: What is done if something goes wrong, in sentences.
         shift: What the plan of a shift says of the lift; None if it is of none.
@@ -273,6 +274,7 @@ class PlanDetails:
     limits: SiteLimits = field(default_factory=SiteLimits)
     tag_lines: str | None = None
     exclusion: str | None = None
+    in_zone: str | None = None
     trial_lift: str | None = None
     contingency: tuple[str, ...] = ()
     shift: LiftInShift | None = None

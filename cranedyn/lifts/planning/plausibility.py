@@ -11,8 +11,8 @@ little. Ratios are sharper: the density of the load, the speed of the jib's tip,
 place over the reach of the crane.
 
 Where a usual conversion brings a value from outside of its usual range into it, the sentence asks
-for that. What cannot be seen in this way: pounds for kilograms, a crane that turns at 0.8 where
-0.8 rpm are meant, or a mass with or without its rigging.
+for that. What cannot be seen in this way: pounds for kilograms, or a mass with or without its
+rigging.
 """
 
 from __future__ import annotations
@@ -133,6 +133,15 @@ ARM_LENGTH = Quantity("A length of an arm", "m", (0.0, 500.0), (0.02, 150.0), MI
 # 1 m at 57 °/s. Trolleys go up to 2 m/s and those of container cranes 4 m/s; hoists 3.3 m/s.
 TURN_RATE = Quantity("The rate of a drive", "°/s", (0.0, 360.0), (0.3, 60.0), RADIANS)
 RATE = Quantity("The rate of a drive", "m/s", (0.0, 10.0), (0.002, 4.8), METRES_PER_MINUTE)
+DEGREES_PER_RPM = 6.0
+"""One revolution per minute in degrees per second."""
+
+SLOWEST_SLEW = 1.5
+"""Rate of a slew below which it is more likely one in revolutions per minute [°/s]."""
+
+SLOWEST_SLEW_RPM = 0.3
+"""Slowest slew of a crane [rpm]; what is slower is not usual in either unit."""
+
 TURN_ACCELERATION = Quantity(
     "The acceleration of a drive", "°/s²", (0.0, 360.0), (0.05, 120.0), RADIANS
 )
@@ -382,6 +391,8 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         site.drives, accelerations, TURN_ACCELERATION, ACCELERATION, "accelerations"
     )
     for drive, rate in zip(site.drives, rates, strict=False):
+        if drive.name == "slew":
+            yield from _of_slew(math.degrees(rate))
         if drive.name == "slew" and reach is not None:
             yield from judge_value(TIP_SPEED, rate * reach[1], "drives", "rates")
     for drive in site.drives:
@@ -389,6 +400,18 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         if effort is not None:
             name = f"The effort of the {drive.name}"
             yield from judge_value(EFFORT, float(effort), "drives", "efforts", name)
+
+
+def _of_slew(rate: float) -> Iterator[Finding]:
+    """Yield a rate of the slew [°/s] that is more likely one in revolutions per minute."""
+    if not SLOWEST_SLEW_RPM <= rate < SLOWEST_SLEW:
+        return
+    sentence = (
+        f"The rate of the slew is {_number(rate)} °/s, {_number(rate / DEGREES_PER_RPM)} rpm, and "
+        f"few cranes slew at less than {_number(SLOWEST_SLEW)} °/s. Is {_number(rate)} in "
+        f"revolutions per minute? Then write {_number(DEGREES_PER_RPM * rate)}."
+    )
+    yield Finding("drives", "rates", False, sentence)
 
 
 def _of_motion_limits(

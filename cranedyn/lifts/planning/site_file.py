@@ -324,7 +324,9 @@ def _crane_values_of(
         if entered.argument in values:
             entered.table.fail(
                 entered.field,
-                f"{entered.argument} is among the values of [crane], too; leave one out.",
+                f"the same value is entered twice: here, and as {entered.argument} = "
+                f"{values[entered.argument]:g} in the values of [crane]. Keep this field, and take "
+                f"{entered.argument} out there.",
             )
         values[entered.argument] = entered.value
     return values

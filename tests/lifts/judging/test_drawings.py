@@ -240,6 +240,15 @@ def test_each_sheet_has_room_for_the_digest_and_the_number_of_its_page() -> None
         assert f"width: {sheet.width_mm}mm; height: {sheet.height_mm - SHEET_FOOT}mm" in page
 
 
+def test_what_the_exclusion_zone_goes_through_is_named() -> None:
+    """The wall is under the path; a shed far from it is not in the zone."""
+    found = scene()
+    far = box("shed", (-40.0, -40.0), (2.0, 2.0, 2.0), 0.0)
+    site = replace(found.analysis.site, solids=(*found.analysis.site.solids, far))
+    found = replace(found, analysis=replace(found.analysis, site=site))
+    assert "wall" in found.in_exclusion_zone and "shed" not in found.in_exclusion_zone
+
+
 def test_north_is_where_the_bearing_of_the_y_axis_has_it() -> None:
     analysis = small()
     # Y points east, so that north is to the left of it: towards -X.

@@ -28,6 +28,7 @@ from cranedyn.lifts.judging.lift_checks import (
     wind_borne,
 )
 from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
+from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
     centre_between_lifting_points,
@@ -407,6 +408,12 @@ def test_a_load_that_stands_is_picked_up_and_set_down_on_the_ground() -> None:
         assert stands.radius == pytest.approx(math.hypot(*place), abs=0.02)
 
 
+def test_the_lift_goes_from_where_the_load_stands_to_where_it_is_set_down() -> None:
+    table = next(table for table in tables(from_the_ground()) if table.title == "The lift")
+    rows = {row[0]: row[1] for row in table.rows}
+    assert rows["from, to [m]"] == "(6.0, -14.0, 0.6) to (13.0, 9.0, 0.6)"
+
+
 def test_the_sequence_begins_and_ends_where_the_load_stands() -> None:
     first, *_, last = lift_steps(from_the_ground())
     assert first.movements[0].startswith("Lift off from (6.0, -14.0, 0.6): take up the slack")
@@ -447,6 +454,41 @@ def test_the_category_is_the_highest_that_a_rule_gives(
     assert found.text == category
     assert len(found.not_entered) == 3 - len(said)
     assert found.rules
+
+
+def test_what_stands_in_the_exclusion_zone_leaves_the_category_open() -> None:
+    found = of_share(0.4, **CLEAR)
+    category = lift_category(found, ("shed", "street"))
+    assert category.text == "at least routine"
+    assert category.not_judged == ("what stands in the exclusion zone (shed and street)",)
+    details = replace(found.site.details, in_zone="both are empty")
+    empty = replace(found, site=replace(found.site, details=details))
+    assert lift_category(empty, ("shed", "street")).text == "routine"
+    people = next(g for g in field_groups(empty, ("shed", "street")) if g.title.startswith("Peop"))
+    assert PlanField("Stands in that zone", "shed, street") in people.fields
+    assert PlanField("What is done about it", "both are empty") in people.fields
+
+
+def test_a_rated_load_between_two_points_of_the_chart_is_called_interpolated() -> None:
+    """The chart has 2,500 kg up to 20 m, 2,350 at 21 and 2,200 at 22 m."""
+    made = bare()
+    radius = made.loads["radius_m"]
+    for largest, between in ((20.5, "between 20 and 21 m"), (21.0, ""), (19.0, "")):
+        values = {**made.loads.values, "radius_m": radius + largest - radius.max()}
+        far = replace(made, loads=replace(made.loads, values=values))
+        rated = far.chart.on(2).at(far.loads["radius_m"])
+        far = replace(far, utilisation=made.loads["pull_N"] / (made.crane.gravity * rated))
+        row = int(far.loads["radius_m"].argmax())
+        highest = np.zeros(len(radius))
+        highest[row] = 0.5
+        check = utilisation_below_warning(replace(far, utilisation=highest))
+        note = positions_table(far).note
+        if between:
+            assert f"of the chart, interpolated {between}, at most" in check.sentence
+            assert f"Interpolated {between}: pick-up, largest radius, set-down." in note
+        else:
+            assert "nterpolated" not in check.sentence
+            assert "largest radius" not in note
 
 
 def test_without_a_chart_the_category_is_at_least_what_the_other_rules_give() -> None:

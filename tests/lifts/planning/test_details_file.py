@@ -135,6 +135,11 @@ def test_what_nobody_entered_has_no_value(tmp_path: Path) -> None:
         ("number = 2\n", "number = 5\nset_limit = 9.0\n", "set_limit: limit is given, too"),
         ("limit = 3000.0", "limit = -1.0", "[rigging.spreader] limit: limit is -1.0 kg"),
         ("mat = [2.0, 1.5]", "mat = [2.0]", "[ground] mat: mat is '[2.0]'; allowed is 2 numbers"),
+        (
+            "[crane]",
+            "[counter_jib]\nlength = 9.4\n[crane]\nvalues = {counter_jib = 9.4}",
+            "entered twice: here, and as counter_jib = 9.4 in the values of [crane]. Keep this",
+        ),
         ("over_people = false", "over_people = 0", "over_people: allowed is true or false"),
         ("[0.0, 1.2, 0.6]]", "[0.0, 1.2]]", "lifting_points: point of lifting_points is"),
         ('["set down", "wait"]', "3", "[safety] contingency: contingency is 3"),
@@ -160,6 +165,11 @@ def test_what_is_wrong_in_a_lift_plan_is_said_with_its_field_and_the_likely_mist
     [
         ("limit = 2000.0", "limit = 2.0", "Is 2 in tonnes? Then write 2000."),
         ("limit = 2000.0", "set_limit = 2.8", "Is 2.8 in tonnes? Then write 2800."),
+        (
+            "[job]",
+            "[drives]\nrates = [0.8, 1.5, 1.0]\naccelerations = [1.0, 0.4, 0.4]\n[job]",
+            "Is 0.8 in revolutions per minute? Then write 4.8.",
+        ),
         ("counter_ballast = 3000.0", "counter_ballast = 3.0", "Is 3 in tonnes? Then write 3000."),
         ("angle = 25.0", "angle = 0.44", "Is 0.44 in radians? Then write 25.2"),
         ("wind_limit = 20.0", "wind_limit = 72.0", "Is 72 in kilometres per hour? Then write 20."),

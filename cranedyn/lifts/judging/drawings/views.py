@@ -42,10 +42,10 @@ from cranedyn.lifts.judging.drawings.swept import (
     unit_in_plan,
 )
 from cranedyn.lifts.judging.numbered_positions import (
-    Position,
     LoadsAtRest,
-    numbered_positions,
+    Position,
     loads_at_rest,
+    numbered_positions,
 )
 from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
@@ -66,6 +66,9 @@ _REACH_SAMPLES = 61
 
 _LEAST_THICKNESS = 0.05
 """Least height at which a part of an obstacle is drawn in an elevation [m]."""
+
+_LEAST_AREA = 1e-4
+"""Area of an obstacle in the exclusion zone up to which it only touches the zone [m²]."""
 
 _UNBOUNDED_TOP = 1000.0
 """Height from which on the top of a zone is not told [m]: it is higher than any crane."""
@@ -146,6 +149,19 @@ class LiftScene:
             key=lambda name: float(distances[name].min()) if name in distances else math.inf,
         )
         return frozenset(zones | {*nearest[:MAX_NAMED]})
+
+    @cached_property
+    def in_exclusion_zone(self) -> tuple[str, ...]:
+        """Names of the obstacles and zones that the exclusion zone goes through in plan, at most
+        `MAX_NAMED`: people or services may be in them.
+        """
+        names = []
+        for solid in self.analysis.site.solids:
+            area = _shadow(solid, np.eye(3)[:2])
+            if area.intersection(self.swept.exclusion).area > _LEAST_AREA:
+                names.append(solid.name)
+        more = len(names) - MAX_NAMED
+        return (*names[:MAX_NAMED], f"{more} more") if more > 0 else tuple(names)
 
     def with_names(self, solids: Sequence[Sequence[Primitive]]) -> list[Primitive]:
         """Return the outlines of all obstacles, with the names of those in `named`.
