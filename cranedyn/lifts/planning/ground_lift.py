@@ -671,8 +671,9 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
         corners = [load_corners(lift, state) for state in run.q[section.rows]]
         lowest = np.array([corner[:, 2].min() for corner in corners])
         stands.append((name, section.support, lowest))
-        at_rest = corners[0] if name == "start" else corners[-1]
-        ends.append((name, section.support, at_rest))
+        # Level, as it is planned to stand: one that tips in the simulation has no support there.
+        level = _level_corners(lift, name)
+        ends.append((name, support_of(clearance, level), level))
         sections.append(section)
 
     nearest_of_sections = []
@@ -708,6 +709,15 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
         standing_check(standing_result),
         coverage_check(clearance, compared),
     ]
+
+
+def _level_corners(lift: GroundLift, name: str) -> np.ndarray:
+    """Return the corners of the load as it is planned to stand at the "start" or the "goal", in the
+    frame of the crane [m], shape (8, 3).
+    """
+    t = 0.0 if name == "start" else lift.motion.arrival
+    drives = lift.motion(t).position
+    return load_corners(lift, _standing(lift.crane, lift.ground, drives, lift.lug).q)
 
 
 def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hanging:
