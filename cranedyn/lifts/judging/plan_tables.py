@@ -48,8 +48,8 @@ def positions_table(analysis: LiftAnalysis) -> Table:
     falls = "" if analysis.inputs.falls is None else f" on {analysis.inputs.falls} falls"
     chart = "no chart was entered" if analysis.chart is None else f"{analysis.chart.name}{falls}"
     note = (
-        f"Places: middle of the load. Rated capacity: {chart}. The share is that of the load at "
-        "rest; with the dynamics of the lift it is the utilisation of the chart."
+        f"Places: middle of the load. Rated capacity from: {chart}. The share is that of the load "
+        "at rest; with the dynamics of the lift it is the utilisation of the chart."
     )
     interpolated: dict[str, list[str]] = {}
     for position in positions:
