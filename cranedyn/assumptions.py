@@ -20,6 +20,9 @@ class Origin(Enum):
     ENTERED = "entered"
     """Somebody entered it for this lift or site."""
 
+    ESTIMATED = "estimated"
+    """Somebody entered it, and says that it is an estimate."""
+
     COMPUTED = "computed"
     """It follows from what was entered."""
 
@@ -52,7 +55,8 @@ class Assumption:
 
     def __str__(self) -> str:
         """Return the assumption with its origin in one line."""
-        entered_where = f", {self.field}" if self.field and self.origin is Origin.ENTERED else ""
+        is_entered = self.origin in (Origin.ENTERED, Origin.ESTIMATED)
+        entered_where = f", {self.field}" if self.field and is_entered else ""
         return f"{self.name}: {self.value} ({self.origin.value}{entered_where})"
 
 

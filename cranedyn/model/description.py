@@ -71,6 +71,8 @@ class CraneValues(TypedDict, total=False):
     pivot_height: float  # m
     total_height: float  # m
     counter_jib: float  # m
+    mast_width: float  # m
+    foot_width: float  # m
     upper_mass: float  # kg
     slewing_inertia: float  # kg m^2
     trolley_mass: float  # kg

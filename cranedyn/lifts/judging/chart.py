@@ -176,6 +176,11 @@ class Reeving:
         return line_pull * self.falls * efficiency / gravity
 
 
+AT_POINT = 2e-3
+"""Distance from a radius of a chart up to which its load is that of the chart [m]: what a plan may
+miss a place by."""
+
+
 @dataclass(frozen=True, eq=False)
 class RatedLoads:
     """Rated loads of a crane by radius, for one number of falls and one length of the boom.
@@ -270,6 +275,18 @@ class RatedLoads:
         divisor = np.where(up_to_first, 1.0, radius)  # the radius may be zero there
         between = np.minimum(moment / divisor, self.rated[point_before])
         return np.where(up_to_first, self.rated[0], between)
+
+    def points_about(self, radius: float) -> tuple[float, float] | None:
+        """Return the radii of the two points between which the load of a radius is interpolated
+        [m]; None at a point of the chart, between points of the same load, and outside of all.
+        """
+        if not self.radii[0] < radius < self.radii[-1]:
+            return None
+        after = int(np.searchsorted(self.radii, radius))
+        near = np.abs(self.radii - radius).min() <= AT_POINT
+        if near or self.rated[after - 1] == self.rated[after]:
+            return None
+        return float(self.radii[after - 1]), float(self.radii[after])
 
 
 class LengthsAbout(NamedTuple):

@@ -14,8 +14,9 @@ from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import JudgedInputs, Requirements
 from cranedyn.lifts.judging.chart import Chart, read_chart
 from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.ground_lift import CREEP_SPEED, ROPE_STIFFNESS, stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT, Spread, drag_area
-from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions, with_estimates
 from cranedyn.lifts.planning.plan_details import WEIGHT_TOLERANCES
 from cranedyn.lifts.planning.site import Site
 from cranedyn.model.crane import Crane
@@ -37,8 +38,8 @@ CHART_COVERS = frozenset(
     {
         "payload_mass", "payload_inertia", "payload_ixx", "payload_iyy", "payload_izz",
         "lug_height", "mast_height", "pivot_height", "total_height", "hoist_min", "hoist_max",
-        "counter_jib", "slew_init", "trolley_init", "hoist_init", "slew_limit",
-        "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
+        "counter_jib", "mast_width", "foot_width", "slew_init", "trolley_init", "hoist_init",
+        "slew_limit", "damp_slew", "damp_trolley", "damp_swing", "damp_hoist",
     }
 )  # fmt: skip
 """Arguments of the shipped crane that its chart is valid for whatever they are.
@@ -156,13 +157,32 @@ def resolve_inputs(
         assumptions.append(falls_assumption)
     else:
         falls = None
+    assumptions += _lift_off(site, falls)
     return JudgedInputs(
         replace(requirements, **resolved),  # type: ignore[arg-type]
         spread,
         chart,
         falls,
-        tuple(assumptions),
+        tuple(with_estimates(site, assumptions)),
     )
+
+
+def _lift_off(site: Site, falls: int | None) -> list[Assumption]:
+    """Return what lift-off and set-down rest on; nothing where the load hangs at both ends."""
+    if not site.is_tower or not (stands_at(site.start) or stands_at(site.goal)):
+        return []
+    count = falls or site.falls or 1
+    on_falls = "one fall" if count == 1 else f"{count} falls"
+    return [
+        Assumption(
+            "stiffness EA of the rope, at lift-off and set-down",
+            f"{count * ROPE_STIFFNESS:.3g} N on {on_falls}, no mass",
+            Origin.ASSUMED,
+        ),
+        Assumption(
+            "largest speed of lift-off and set-down", f"{CREEP_SPEED:g} m/s", Origin.ASSUMED
+        ),
+    ]
 
 
 def _spread(site: Site) -> tuple[Spread, list[Assumption]]:

@@ -10,6 +10,7 @@ import numpy as np
 from cranedyn.assumptions import check_entered
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
+from cranedyn.lifts.judging.lift_positions import interpolation
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.plan_checks import corner_range, plan_checks, wind_text
 from cranedyn.lifts.planning.crane_bodies import corners_of
@@ -153,9 +154,14 @@ def utilisation_below_warning(analysis: LiftAnalysis) -> Check:
     highest = float(analysis.utilisation.max())
     of_site = analysis.site.details.limits.chart_share
     limit = "" if of_site is None else f"{100.0 * of_site:g} % allowed on this site; "
-    t = float(analysis.loads.t[int(analysis.utilisation.argmax())])
+    row = int(analysis.utilisation.argmax())
+    t = float(analysis.loads.t[row])
+    between = ""
+    if "radius_m" in analysis.loads.values:
+        between = interpolation(analysis, float(analysis.loads["radius_m"][row]))
+    of_chart = f"the chart, interpolated {between}," if between else "the chart"
     return Check(
-        f"Utilisation is {100.0 * highest:.1f} % of the chart at most, at t = {t:.1f} s; {limit}a "
+        f"Utilisation is {100.0 * highest:.1f} % of {of_chart} at most, at t = {t:.1f} s; {limit}a "
         f"limiter warns at {100.0 * WARNING:g} % and cuts out at {100.0 * CUT_OUT:g} %: "
         f"{_first_act(analysis)}.",
         highest < chart_share(analysis),
@@ -238,7 +244,8 @@ def corners_pressed(analysis: LiftAnalysis) -> Check:
     smallest, largest = corners
     presses = (
         f"All corners of the base press on the ground, by {smallest / 1e3:.0f} kN at least and "
-        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance"
+        f"{largest / 1e3:.0f} kN at most, with a load heavier by its tolerance and without wind on "
+        "the crane"
     )
     if permitted is None and site.details.ground.permitted_pressure is not None:
         return Check(f"{presses}; what the ground bears is judged by its pressure.", smallest > 0.0)

@@ -4,14 +4,16 @@ category of the lift that follows.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.loads import hanging_mass
-from cranedyn.lifts.judging.numbered_positions import end_names
+from cranedyn.lifts.judging.numbered_positions import end_names, loads_at_rest
+from cranedyn.lifts.planning.plan_assumptions import in_words
 
 CATEGORIES = ("routine", "intermediate", "complex", "critical")
 """Categories of a lift, the lightest first."""
@@ -56,9 +58,11 @@ class LiftPosition:
 
 
 def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
-    """Return pick-up, largest radius and set-down of a lift in the order of time, the first and the
-    last where the load hangs. For a crane that does not slew the place at which a wheel presses
-    most takes the place of the largest radius; it is left out if the wheels are not known either.
+    """Return pick-up, largest radius and set-down of a lift in the order of time. A load that
+    stands is picked up from its support and set down on one, and hangs above both before and after
+    the planned motion: these are positions, too. For a crane that does not slew the place at which
+    a wheel presses most takes the place of the largest radius; it is left out if the wheels are not
+    known either.
     """
     rows = np.arange(len(analysis.loads.t))[analysis.hangs]
     first = int(rows[0])
@@ -72,7 +76,18 @@ def lift_positions(analysis: LiftAnalysis) -> list[LiftPosition]:
     elif wheels is not None:
         named.append(("largest wheel force", int(rows[wheels[rows].argmax()])))
     named.append((last_name, last))
-    return [_position(analysis, name, row, wheels) for name, row in named]
+    positions = [_position(analysis, name, row, wheels) for name, row in named]
+    # The hoist alone moves between a support and the place above it: radius and rated load are
+    # those of the load that hangs, since a slack rope has no utilisation to take them from.
+    stands = loads_at_rest(analysis)
+    if stands.pick_up is not None:
+        place = stands.pick_up.centre
+        positions.insert(0, replace(positions[0], name="pick-up", t=0.0, place=place))
+    if stands.set_down is not None:
+        place = stands.set_down.centre
+        t = float(analysis.loads.t[-1])
+        positions.append(replace(positions[-1], name="set-down", t=t, place=place))
+    return positions
 
 
 def largest_wheel_force(analysis: LiftAnalysis) -> np.ndarray | None:
@@ -117,6 +132,17 @@ def _rated(analysis: LiftAnalysis, row: int) -> float | None:
     return pull / (analysis.crane.gravity * float(analysis.utilisation[row]))
 
 
+def interpolation(analysis: LiftAnalysis, radius: float) -> str:
+    """Return between which radii of the chart the rated load of a radius [m] is interpolated, such
+    as "between 20 and 21 m"; empty where it is that of a point of the chart, or is not known.
+    """
+    chart = analysis.chart
+    if chart is None or analysis.utilisation is None:
+        return ""
+    about = chart.on(analysis.inputs.falls, analysis.site.boom).points_about(radius)
+    return "" if about is None else f"between {about[0]:g} and {about[1]:g} m"
+
+
 @dataclass(frozen=True)
 class LiftCategory:
     """The category of a lift.
@@ -126,23 +152,31 @@ class LiftCategory:
             makes it a higher one.
         rules: What made it so, in sentences.
         not_entered: What could make it a higher category and nobody entered, in words.
+        not_judged: What could make it a higher category and is not judged, in words.
     """
 
     name: str | None
     rules: tuple[str, ...]
     not_entered: tuple[str, ...]
+    not_judged: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
-        """The category in words: "at least" where something that could raise it is not entered."""
+        """The category in words: "at least" where something that could raise it is not known."""
         if self.name is None:
             return "not judged"
         is_highest = self.name == CATEGORIES[-1]
-        return self.name if is_highest or not self.not_entered else f"at least {self.name}"
+        is_open = bool(self.not_entered or self.not_judged)
+        return f"at least {self.name}" if is_open and not is_highest else self.name
 
 
-def lift_category(analysis: LiftAnalysis) -> LiftCategory:
+def lift_category(analysis: LiftAnalysis, in_zone: Sequence[str] = ()) -> LiftCategory:
     """Return the category of a lift: the highest that one of these rules gives.
+
+    Args:
+        analysis: The lift.
+        in_zone: Names of what stands in its exclusion zone, where people or services may be. That
+            is not judged unless the site says what is done about it.
 
     * The share of the rated load that the gross load takes at rest, see `SHARE_RULES`.
     * Over people or a public way it is critical, over services complex.
@@ -183,11 +217,14 @@ def lift_category(analysis: LiftAnalysis) -> LiftCategory:
             not_entered.append(missing)
         elif entered:
             found.append((category, rule))
+    not_judged = []
+    if in_zone and analysis.site.details.in_zone is None:
+        not_judged.append(f"what stands in the exclusion zone ({in_words(in_zone)})")
     if not found:
-        return LiftCategory(None, (), tuple(not_entered))
+        return LiftCategory(None, (), tuple(not_entered), tuple(not_judged))
     highest = max((category for category, _ in found), key=CATEGORIES.index)
     rules = tuple(rule for category, rule in found if category == highest)
-    return LiftCategory(highest, rules, tuple(not_entered))
+    return LiftCategory(highest, rules, tuple(not_entered), tuple(not_judged))
 
 
 def _category_of_share(share: float) -> tuple[str, str]:

@@ -13,6 +13,7 @@ from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.lift_checks import chart_share
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.numbered_positions import loads_at_rest
 from cranedyn.lifts.judging.plan_checks import (
     KMH,
     bearing_pressure,
@@ -148,7 +149,7 @@ def _details_rows(analysis: LiftAnalysis) -> list[Row]:
     permitted = analysis.site.details.ground.permitted_pressure
     if pressure is not None and permitted is not None:
         shown = f"{permitted / 1e3:g} kPa"
-        rows.append(["pressure on the ground", f"{pressure / 1e3:.0f} kPa", shown])
+        rows.append(["pressure on the ground, calm air", f"{pressure / 1e3:.0f} kPa", shown])
     return rows
 
 
@@ -184,7 +185,10 @@ def _lift(analysis: LiftAnalysis) -> Table:
     lift = analysis.certificate.lift
     site = analysis.site
     size = np.ptp(lift.clearance.bodies.load, axis=0)
-    ends = site.to_site(lift.clearance.point(lift.ends))
+    ends = [*site.to_site(lift.clearance.point(lift.ends))]
+    for i, at_rest in enumerate(loads_at_rest(analysis)):
+        if at_rest is not None:
+            ends[i] = at_rest.centre
     radius = analysis.loads.values.get("radius_m")
     radius_rows: list[Row] = []
     if radius is not None:

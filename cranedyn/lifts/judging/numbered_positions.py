@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.planning.ground_lift import load_corners
 from cranedyn.lifts.planning.timing import STEP
 
 MAX_POSITIONS = 8
@@ -70,6 +72,57 @@ def end_names(analysis: LiftAnalysis) -> tuple[str, str]:
     phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
     first = "lifted off" if "lift-off" in phases else "pick-up"
     return first, "above set-down" if "set-down" in phases else "set-down"
+
+
+@dataclass(frozen=True, eq=False)
+class LoadAtRest:
+    """Where the load stands before it is lifted off, or after it was set down.
+
+    Attributes:
+        name: What happens there, "pick-up" or "set-down".
+        corners: Corners of the load in the frame of the site [m], shape (8, 3).
+    """
+
+    name: str
+    corners: np.ndarray
+
+    @property
+    def centre(self) -> np.ndarray:
+        """The middle of the load [m], shape (3,)."""
+        return self.corners.mean(axis=0)
+
+    @property
+    def underside(self) -> float:
+        """Height of its lowest corner in the frame of the site [m]."""
+        return float(self.corners[:, 2].min())
+
+
+class LoadsAtRest(NamedTuple):
+    """Where the load stands at both ends of a lift; None where it hangs, or lift-off and set-down
+    were not simulated.
+
+    Attributes:
+        pick_up: Before it is lifted off.
+        set_down: After it was set down.
+    """
+
+    pick_up: LoadAtRest | None
+    set_down: LoadAtRest | None
+
+
+def loads_at_rest(analysis: LiftAnalysis) -> LoadsAtRest:
+    """Return where the load stands at both ends of the simulated run."""
+    grounded = analysis.grounded
+    if grounded is None:
+        return LoadsAtRest(None, None)
+    found: list[LoadAtRest | None] = []
+    for phase, name, row in (("lift-off", "pick-up", 0), ("set-down", "set-down", -1)):
+        stands = None
+        if phase in grounded.lift.phases:
+            in_crane = load_corners(grounded.lift, grounded.run.q[row])
+            stands = LoadAtRest(name, analysis.site.to_site(in_crane))
+        found.append(stands)
+    return LoadsAtRest(*found)
 
 
 def turning_rows(places: np.ndarray, corners: np.ndarray, rates: np.ndarray) -> list[int]:

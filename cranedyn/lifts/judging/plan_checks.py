@@ -24,8 +24,10 @@ from cranedyn.lifts.planning.rigging import (
     attachment_height,
     counted_legs,
     largest_share,
+    leg_limit,
     leg_share,
     rigging_height,
+    set_limit_at,
     sling_angle,
     tilt,
 )
@@ -65,7 +67,8 @@ def not_checked(analysis: LiftAnalysis, checks: Sequence[Check]) -> list[str]:
     sentences = []
     for function, sentence in PLAN_CHECKS.items():
         # A crane on rails has wheel loads in the place of a pressure on the ground.
-        applies = bool(sentence) and not (function is ground_bears and on_rails)
+        of_ground = function in (ground_bears, papers_bear)
+        applies = bool(sentence) and not (of_ground and on_rails)
         if applies and function.__name__ not in made:
             sentences.append(sentence)
     return sentences
@@ -83,17 +86,25 @@ class SlingForce:
         limit: The force that its working load limit allows [N].
         angle: Its angle from the vertical [rad].
         share: The share of the weight below that it is counted with.
+        lifted: The force of all that hangs in the slings, the same included [N].
+        set_limit: The force that the tag of the set allows at this angle [N]; None if the limit of
+            one leg was entered.
     """
 
     force: float
     limit: float
     angle: float
     share: float
+    lifted: float
+    set_limit: float | None = None
 
     @property
     def utilisation(self) -> float:
-        """Its force over what its working load limit allows."""
-        return self.force / self.limit
+        """Its force over what its working load limit allows, or what hangs over what the tag of the
+        set allows, whichever is more.
+        """
+        of_leg = self.force / self.limit
+        return of_leg if self.set_limit is None else max(of_leg, self.lifted / self.set_limit)
 
 
 def lifted_force(analysis: LiftAnalysis, *, above: tuple[str, ...]) -> float:
@@ -122,17 +133,22 @@ def sling_force(analysis: LiftAnalysis) -> SlingForce | None:
     details = analysis.site.details
     slings = details.slings
     angle = sling_angle(details)
-    if slings.number is None or slings.limit is None or angle is None:
+    limit = leg_limit(slings)
+    if slings.number is None or limit is None or angle is None:
         return None
     share = leg_share(details.load, slings.number)
     if share is None:
         return None
     lifted = lifted_force(analysis, above=("hook", "spreader"))
+    gravity = analysis.crane.gravity
+    of_set = set_limit_at(slings, angle)
     return SlingForce(
         force=lifted * share / math.cos(angle),
-        limit=slings.limit * analysis.crane.gravity,
+        limit=limit * gravity,
         angle=angle,
         share=share,
+        lifted=lifted,
+        set_limit=None if of_set is None else of_set * gravity,
     )
 
 
@@ -141,13 +157,14 @@ def slings_bear(analysis: LiftAnalysis) -> Check | None:
     an angle at which slings may be used.
     """
     slings = analysis.site.details.slings
-    if slings.number is None and slings.limit is None:
+    has_limit = slings.limit is not None or slings.set_limit is not None
+    if slings.number is None and not has_limit:
         return None
     missing = []
     if slings.number is None:
         missing.append("number")
-    if slings.limit is None:
-        missing.append("limit")
+    if not has_limit:
+        missing.append("limit of one leg or set_limit of the set")
     if sling_angle(analysis.site.details) is None:
         missing.append("angle, or length beside [load] lifting_points")
     if missing:
@@ -160,13 +177,22 @@ def slings_bear(analysis: LiftAnalysis) -> Check | None:
     assert slings.number is not None  # as nothing is missing
     gravity = analysis.crane.gravity
     counted = counted_legs(slings.number)
+    entered = "entered as that of one leg"
+    of_set = ""
+    if leg.set_limit is not None:
+        assert slings.set_limit is not None
+        entered = f"which follows from {slings.set_limit / 1e3:.2f} t on the tag of the set"
+        of_set = (
+            f" All that hangs in the set pulls with {leg.lifted / gravity / 1e3:.2f} t; its tag "
+            f"allows {leg.set_limit / gravity / 1e3:.2f} t at that angle."
+        )
     return Check(
         f"A leg of the slings pulls with {leg.force / gravity / 1e3:.2f} t at most, "
-        f"{100.0 * leg.utilisation:.0f} % of its working load limit of "
-        f"{leg.limit / gravity / 1e3:.2f} t, with {100.0 * leg.share:.0f} % of the weight at "
-        f"{math.degrees(leg.angle):.0f}° from the vertical ({counted} of {slings.number} counted "
-        f"on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.",
-        leg.force <= leg.limit and leg.angle <= MAX_SLING_ANGLE,
+        f"{100.0 * leg.force / leg.limit:.0f} % of its working load limit of "
+        f"{leg.limit / gravity / 1e3:.2f} t, {entered}, with {100.0 * leg.share:.0f} % of the "
+        f"weight at {math.degrees(leg.angle):.0f}° from the vertical ({counted} of "
+        f"{slings.number} counted on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.{of_set}",
+        leg.utilisation <= 1.0 and leg.angle <= MAX_SLING_ANGLE,
     )
 
 
@@ -341,9 +367,72 @@ def ground_bears(analysis: LiftAnalysis) -> Check | None:
         )
     return Check(
         f"Below a mat of {ground.mat_length:g} m by {ground.mat_width:g} m the ground bears "
-        f"{pressure / 1e3:.0f} kPa at most, the weight of the mat not counted; {permitted}.",
+        f"{pressure / 1e3:.0f} kPa at most, without wind on the crane, the weight of the mat not "
+        f"counted; {permitted}.",
         pressure <= ground.permitted_pressure,
     )
+
+
+def papers_bear(analysis: LiftAnalysis) -> Check | None:
+    """Check that the ground bears the largest force of a corner by the papers of the crane, in
+    service with wind on its structure and out of service: the permitted force, and the permitted
+    pressure below a mat, as far as they are entered.
+    """
+    papers = analysis.site.details.crane
+    named = {"in service": papers.corner_in_service, "out of service": papers.corner_out_of_service}
+    known = {name: force for name, force in named.items() if force is not None}
+    if not known:
+        return None
+    missing = [name for name in named if name not in known]
+    if missing:
+        return Check(
+            f"The ground with wind on the crane is not judged {missing[0]}: [crane] lacks "
+            f"corner_{missing[0].replace(' ', '_')}.",
+            None,
+        )
+    largest = max(known.values())
+    forces = " and ".join(f"{force / 1e3:.0f} kN {name}" for name, force in known.items())
+    sentence = f"By the crane's papers a corner presses with {forces}, wind on the crane included"
+    base = analysis.site.base
+    permitted_force = None if base is None else base.permitted
+    ground = analysis.site.details.ground
+    limits = []
+    holds = True
+    if permitted_force is not None:
+        limits.append(f"{permitted_force / 1e3:.0f} kN permitted")
+        holds = largest <= permitted_force
+    if ground.permitted_pressure is not None:
+        if ground.mat_length is None or ground.mat_width is None:
+            return Check(f"{sentence}; not judged, since [ground] lacks mat.", None)
+        pressure = largest / (ground.mat_length * ground.mat_width)
+        limits.append(
+            f"{pressure / 1e3:.0f} kPa below a mat, {ground.permitted_pressure / 1e3:g} kPa "
+            "permitted"
+        )
+        holds = holds and pressure <= ground.permitted_pressure
+    if not limits:
+        return Check(
+            f"{sentence}; not judged, since neither [base] permitted nor [ground] "
+            "permitted_pressure is entered.",
+            None,
+        )
+    return Check(f"{sentence}; {'; '.join(limits)}.", holds)
+
+
+def ground_caveat(analysis: LiftAnalysis) -> str:
+    """Return what the computed forces on the ground leave out, in a sentence; empty for a crane
+    without corners.
+    """
+    if corner_range(analysis) is None:
+        return ""
+    papers = analysis.site.details.crane
+    sentence = "Computed forces and pressures on the ground are without wind on the crane"
+    if papers.corner_in_service is None or papers.corner_out_of_service is None:
+        return (
+            f"{sentence}: the ground in service with wind, and out of service, is not judged. Take "
+            "the forces of the corners from the crane's papers."
+        )
+    return f"{sentence}; with wind, in service and out of service, those of its papers count."
 
 
 # --- wind -----------------------------------------------------------------------------------------
@@ -419,6 +508,10 @@ PLAN_CHECKS: dict[PlanCheck, str] = {
         "Whether the hook block fits below the upper end of the rope: [rigging] lacks hook_height."
     ),
     ground_bears: "The pressure on the ground: [ground] lacks permitted_pressure.",
+    papers_bear: (
+        "The ground with wind on the crane, in service and out of service: [crane] lacks "
+        "corner_in_service and corner_out_of_service, the largest forces of a corner by its papers."
+    ),
     gust_below_all_limits: (
         "The wind in which maker or site stop the crane: neither [crane] wind_limit nor [limits] "
         "wind is entered."

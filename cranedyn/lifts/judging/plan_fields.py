@@ -21,9 +21,12 @@ from cranedyn.lifts.judging.plan_checks import (
     wind_text,
 )
 from cranedyn.lifts.judging.table import place_text
-from cranedyn.lifts.planning.plan_details import LiftInShift
+from cranedyn.lifts.planning.plan_details import LiftInShift, Slings
+from cranedyn.lifts.planning.rigging import leg_limit
 
-COUNTING_FIELDS = ("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives]")
+COUNTING_FIELDS = (
+    *("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives] rates"),
+)
 """Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
 people on the site can watch."""
 
@@ -92,14 +95,28 @@ def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
     return defaults + [a for a in others if a.field.startswith((*COUNTING_FIELDS, "--"))]
 
 
-def field_groups(analysis: LiftAnalysis) -> list[FieldGroup]:
-    """Return the fields of the pages behind the first, by subject."""
+def other_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
+    """Return the assumptions that are not among `counting_assumptions`: crane, structure, base,
+    load, rope, obstacles; those that are estimates first.
+    """
+    counting = {assumption.name for assumption in counting_assumptions(analysis)}
+    others = [a for a in analysis.inputs.assumptions if a.name not in counting]
+    return sorted(others, key=lambda assumption: assumption.origin is not Origin.ESTIMATED)
+
+
+def field_groups(analysis: LiftAnalysis, in_zone: Sequence[str] = ()) -> list[FieldGroup]:
+    """Return the fields of the pages behind the first, by subject.
+
+    Args:
+        analysis: The lift.
+        in_zone: Names of what stands in its exclusion zone.
+    """
     groups = [
         _load(analysis),
         _rigging(analysis),
         _crane(analysis),
         _ground(analysis),
-        _people(analysis),
+        _people(analysis, in_zone),
     ]
     shift = analysis.site.details.shift
     return groups if shift is None else [_shift(shift), *groups]
@@ -163,7 +180,7 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Number of legs", None if slings.number is None else f"{slings.number}"),
         PlanField("Length of a leg", None if slings.length is None else f"{slings.length:g} m"),
         PlanField("Angle from the vertical", _degrees(slings.angle if leg is None else leg.angle)),
-        PlanField("WLL of a leg", None if slings.limit is None else tonnes(slings.limit)),
+        *_sling_limits(slings),
         PlanField("Certificate", slings.certificate),
         PlanField("Used of it", None if leg is None else f"{100.0 * leg.utilisation:.0f} %"),
         PlanField("Mass of the slings", _mass(masses, "slings")),
@@ -174,12 +191,27 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         ),
         PlanField("Headroom", room),
     ]
+    fields.append(PlanField("Tag lines", details.tag_lines))
     if spreader is None:
         fields.append(PlanField("Spreader", "none entered"))
     else:
         limit = "WLL not entered" if spreader.limit is None else f"WLL {tonnes(spreader.limit)}"
         fields.append(PlanField("Spreader", f"{spreader.name or 'unnamed'}, {limit}"))
     return FieldGroup("Rigging", fields)
+
+
+def _sling_limits(slings: Slings) -> list[PlanField]:
+    """Return the working load limit of one leg, and that of the set where it was entered: which of
+    the two is said with each.
+    """
+    of_leg = leg_limit(slings)
+    if slings.set_limit is None:
+        return [PlanField("WLL of one leg", None if of_leg is None else tonnes(of_leg))]
+    shown = None if of_leg is None else f"{tonnes(of_leg)}, from that of the set"
+    return [
+        PlanField("WLL of the set, on its tag", f"{tonnes(slings.set_limit)} up to 45°"),
+        PlanField("WLL of one leg", shown),
+    ]
 
 
 def _crane(analysis: LiftAnalysis) -> FieldGroup:
@@ -205,6 +237,9 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     if slews or ballast is not None:
         shown = None if ballast is None else tonnes(ballast)
         fields.append(PlanField("Counter-ballast", shown))
+    ballast = crane.central_ballast
+    if analysis.site.is_tower or ballast is not None:
+        fields.append(PlanField("Central ballast", None if ballast is None else tonnes(ballast)))
     height = crane.height_under_hook
     fields += [
         PlanField("Falls", None if analysis.inputs.falls is None else f"{analysis.inputs.falls}"),
@@ -214,6 +249,7 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Date of the chart", crane.chart_date),
         PlanField("Wind limit of the maker", None if limit is None else wind_text(limit)),
         PlanField("Wind measured by", crane.wind_measured),
+        PlanField("Out of service", crane.out_of_service),
     ]
     return FieldGroup("Crane", fields)
 
@@ -238,27 +274,65 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     if ground.mat_length is not None and ground.mat_width is not None:
         mat = f"{ground.mat_length:g} m × {ground.mat_width:g} m"
     bears = ground.permitted_pressure
+    papers = analysis.site.details.crane
+    in_service = papers.corner_in_service
+    out_of_service = papers.corner_out_of_service
     fields = [
+        *_corner_fields(analysis),
         PlanField(
-            "Largest force of a corner, heavier load",
+            "Largest force of a corner, heavier load, no wind on the crane",
             None if forces is None else kilonewtons(forces[1]),
+        ),
+        PlanField(
+            "By the papers, in service with wind",
+            None if in_service is None else kilonewtons(in_service),
+        ),
+        PlanField(
+            "By the papers, out of service",
+            None if out_of_service is None else kilonewtons(out_of_service),
         ),
         PlanField("Permitted force", None if force is None else kilonewtons(force)),
         PlanField("Mat below each corner", mat),
-        PlanField("Bearing pressure", None if pressure is None else f"{pressure / 1e3:.0f} kPa"),
+        PlanField(
+            "Bearing pressure, no wind on the crane",
+            None if pressure is None else f"{pressure / 1e3:.0f} kPa",
+        ),
         PlanField("Permitted pressure", None if bears is None else f"{bears / 1e3:g} kPa"),
         PlanField("From", ground.pressure_source),
     ]
     return FieldGroup("Ground", fields)
 
 
-def _people(analysis: LiftAnalysis) -> FieldGroup:
+def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
+    """Return the forces of each corner of the base while the lift lasts, with its place from the
+    middle of the base; of a crane whose corners are not known an empty field.
+    """
+    base = analysis.site.base
+    if base is None or "corner_1_N" not in analysis.loads.values:
+        return [PlanField("Force of each corner", None)]
+    axes = "the crane" if base.turns_with_crane else "the site"
+    fields = []
+    # The corners in the order of `cranedyn.lifts.judging.loads.corner_forces`.
+    for i, (x, y) in enumerate((("+", "+"), ("−", "+"), ("−", "−"), ("+", "−")), start=1):
+        force = analysis.loads[f"corner_{i}_N"]
+        label = f"Corner at {x}x, {y}y of {axes}, load as entered"
+        fields.append(PlanField(label, f"{force.min() / 1e3:.0f} to {force.max() / 1e3:.0f} kN"))
+    return fields
+
+
+def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
     """Return how people are kept clear, speak, and act if something goes wrong."""
     details = analysis.site.details
     limits = details.limits
+    stands_in_zone = []
+    if in_zone:
+        stands_in_zone.append(PlanField("Stands in that zone", ", ".join(in_zone)))
+        stands_in_zone.append(PlanField("What is done about it", details.in_zone))
     fields = [
         PlanField("Exclusion zone", details.exclusion),
+        *stands_in_zone,
         PlanField("Communication", details.people.communication),
+        PlanField("Trial lift", details.trial_lift),
         PlanField("Over people or a public way", yes_or_no(limits.over_people)),
         PlanField("Over services", yes_or_no(limits.over_services)),
         PlanField("Blind for the operator", yes_or_no(limits.blind)),

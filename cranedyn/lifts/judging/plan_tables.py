@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.lift_positions import LiftPosition, lift_positions
+from cranedyn.lifts.judging.lift_positions import LiftPosition, interpolation, lift_positions
 from cranedyn.lifts.judging.plan_checks import KMH, LOAD, MAKER, SITE, wind_bounds
 from cranedyn.lifts.judging.sequence import lift_steps
 from cranedyn.lifts.judging.table import BLANK, Row, Table, place_text
@@ -48,9 +48,18 @@ def positions_table(analysis: LiftAnalysis) -> Table:
     falls = "" if analysis.inputs.falls is None else f" on {analysis.inputs.falls} falls"
     chart = "no chart was entered" if analysis.chart is None else f"{analysis.chart.name}{falls}"
     note = (
-        f"Rated capacity from the load chart: {chart}. The share is that of the load at rest; with "
-        "the dynamics of the lift it is the utilisation of the chart."
+        f"Places: middle of the load. Rated capacity from: {chart}. The share is that of the load "
+        "at rest; with the dynamics of the lift it is the utilisation of the chart."
     )
+    interpolated: dict[str, list[str]] = {}
+    for position in positions:
+        between = "" if position.radius is None else interpolation(analysis, position.radius)
+        if between:
+            interpolated.setdefault(between, []).append(position.name)
+    for between, names in interpolated.items():
+        note += f" Interpolated {between}: {', '.join(names)}."
+    if interpolated:
+        note += " Many makers do not allow interpolation."
     return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
 
 

@@ -25,15 +25,17 @@ from cranedyn.errors import CraneError, quoted
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
+from cranedyn.lifts.judging.drawings.sheet import MARGIN
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
 from cranedyn.lifts.judging.load_joints import LoadJoints
-from cranedyn.lifts.judging.plan_checks import not_checked, sling_force
+from cranedyn.lifts.judging.plan_checks import ground_caveat, not_checked, sling_force
 from cranedyn.lifts.judging.plan_fields import (
     counting_assumptions,
     field_groups,
     identification,
+    other_assumptions,
     signatures,
 )
 from cranedyn.lifts.judging.plan_record import NO_GO, PlanMark
@@ -67,6 +69,10 @@ _TEMPLATE = Path(__file__).with_name("templates") / "lift.html"
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 """Browsers that print without a window, by their names on the path."""
+
+SHEET_FOOT = MARGIN - 1.0
+"""Height of the foot of a drawing's page, in which revision, digest and number of the page stand
+[mm]: a little less than the margin below the frame of a sheet, so that nothing of it is cut off."""
 
 _OPTIONS = (
     "--headless=new",
@@ -113,7 +119,7 @@ def lift_html(
         verdict=verdict,
         word=WORDS[verdict],
         reason=_reason(checks),
-        category=lift_category(analysis),
+        category=lift_category(analysis, scene.in_exclusion_zone),
         picture=_picture(analysis),
         identification=identification(analysis),
         against=[check for check in worst_first(checks) if check.verdict is not Verdict.HOLDS],
@@ -122,17 +128,20 @@ def lift_html(
         wind=named.pop(WIND_TITLE),
         positions=named.pop(places),
         counting=counting_assumptions(analysis),
+        others=other_assumptions(analysis),
+        caveat=ground_caveat(analysis),
         signatures=signatures(analysis),
         checks=worst_first(checks),
         not_checked=not_checked(analysis, checks),
         unusual=analysis.unusual,
         statement=STATEMENT,
         sequence=named.pop(SEQUENCE_TITLE),
-        groups=field_groups(analysis),
+        groups=field_groups(analysis, scene.in_exclusion_zone),
         tables=list(named.values()),
         figures=page_figures(figures),
         limits=[*limits_of(analysis), *not_drawn],
         sheets=drawn,
+        foot_mm=SHEET_FOOT,
         command=command,
         versions=_versions(),
         plan=plan,

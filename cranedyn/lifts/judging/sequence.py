@@ -17,7 +17,13 @@ import numpy as np
 import pinocchio as pin
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
+from cranedyn.lifts.judging.numbered_positions import (
+    LoadAtRest,
+    Position,
+    loads_at_rest,
+    numbered_positions,
+)
+from cranedyn.lifts.judging.table import place_text
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.timing import STEP
 
@@ -61,22 +67,38 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     """
     grounded = analysis.grounded
     positions = numbered_positions(analysis)
+    stands = loads_at_rest(analysis)
     steps: list[LiftStep] = []
     if grounded is not None and "lift-off" in grounded.lift.phases:
         movement = "Lift off: take up the slack, raise the load off its support, wait"
+        if stands.pick_up is not None:
+            movement = (
+                f"Lift off from {place_text(stands.pick_up.centre)}: take up the slack, raise the "
+                f"load off its support{_by(stands.pick_up, positions[0])}, wait"
+            )
         ends = grounded.lift.phases["motion"]
         steps.append(LiftStep(1, 1, 0.0, ends, (movement,), (), positions[0].centre))
     steps += motion_steps(analysis, positions)
     if grounded is not None and "set-down" in grounded.lift.phases:
         begins = grounded.lift.phases["set-down"]
-        movement = "Set down: lower the load onto its support until the rope is slack"
         last = positions[-1]
-        steps.append(
-            LiftStep(
-                last.number, last.number, begins, analysis.duration, (movement,), (), last.centre
+        movement = "Set down: lower the load onto its support until the rope is slack"
+        place = last.centre
+        if stands.set_down is not None:
+            movement = (
+                f"Set down: lower the load{_by(stands.set_down, last)} onto its support until the "
+                "rope is slack"
             )
+            place = stands.set_down.centre
+        steps.append(
+            LiftStep(last.number, last.number, begins, analysis.duration, (movement,), (), place)
         )
     return steps
+
+
+def _by(stands: LoadAtRest, hangs: Position) -> str:
+    """Return by how much a load that hangs is above the place where it stands, in words."""
+    return f" by {float(hangs.centre[2] - stands.centre[2]):.1f} m"
 
 
 def motion_steps(analysis: LiftAnalysis, positions: list[Position]) -> list[LiftStep]:

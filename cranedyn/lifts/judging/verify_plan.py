@@ -40,6 +40,11 @@ MAX_CHANGES = 20
 """Most differences that are told one by one."""
 
 
+FOLDERS_ABOVE = 3
+"""Number of folders above that of a plan in which a file is looked for to be proposed: a report is
+written to out/lift_report, two below the site file."""
+
+
 class JudgePlan(Protocol):
     """A function that judges a lift as a plan records it."""
 
@@ -161,13 +166,29 @@ def _find_on_disk(record: PlanRecord, folder: Path, named: NamedFiles) -> _OnDis
         is_there = Path(os.path.realpath(beside)).parent == Path(os.path.realpath(folder))
         if is_there and beside.is_file() and Path(recorded).name == recorded:
             return beside
-        missing.append(f"{quoted(recorded)} does not lie beside the plan; name it by --{role}")
+        above = _found_above(folder, recorded)
+        such_as = "" if above is None else f", such as --{role} {above}"
+        missing.append(
+            f"{quoted(recorded)} does not lie beside the plan; name it by --{role}{such_as}"
+        )
         return None
 
     site = find("site", named.site, options.site, SITE_EXAMPLES)
     chart = find("chart", named.chart, options.chart, CHART_EXAMPLES)
     crane = find("crane", named.crane, options.crane, ())
     return _OnDisk(site, chart, crane, tuple(missing))
+
+
+def _found_above(folder: Path, name: str) -> Path | None:
+    """Return the path of a file of a plain name in one of the folders above that of a plan, to be
+    named by whoever verifies it: nothing there is read unasked. None if there is none.
+    """
+    if Path(name).name != name:
+        return None
+    for above in list(folder.absolute().parents)[:FOLDERS_ABOVE]:
+        if (above / name).is_file():
+            return Path(os.path.relpath(above / name))
+    return None
 
 
 def _disk_checks(record: PlanRecord, disk: _OnDisk) -> list[Check]:

@@ -22,6 +22,7 @@ from cranedyn.lifts.planning.plan_details import (
     SlingType,
     Spreader,
 )
+from cranedyn.lifts.planning.rigging import SET_FACTORS
 from cranedyn.lifts.planning.site_table import POINT_RANGE, FieldLines, SiteTable
 
 SLING_TYPES: tuple[SlingType, ...] = get_args(SlingType)
@@ -45,10 +46,10 @@ CRANE_FIELDS = _fields_of(CraneDocuments)
 LOAD_FIELDS = _fields_of(LoadDetails)
 """Fields of [load] beside its size and its mass."""
 
-RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls")
+RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls", "tag_lines")
 """Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
 
-SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "certificate")
+SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "set_limit", "certificate")
 """Fields of [rigging.slings]."""
 
 SPREADER_FIELDS = ("mass", "name", "height", "limit")
@@ -60,7 +61,7 @@ GROUND_FIELDS = ("permitted_pressure", "pressure_source", "mat", "north")
 LIMIT_FIELDS = _fields_of(SiteLimits)
 """Fields of [limits]."""
 
-SAFETY_FIELDS = ("exclusion", "contingency")
+SAFETY_FIELDS = ("exclusion", "in_zone", "trial_lift", "contingency")
 """Fields of [safety]."""
 
 SHIFT_FIELDS = _fields_of(LiftInShift)
@@ -120,7 +121,10 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         hook_block_height=tables["rigging"].optional_number("hook_height", "m", "> 0"),
         ground=_ground(tables["ground"]),
         limits=_limits(tables["limits"]),
+        tag_lines=tables["rigging"].optional_text("tag_lines"),
         exclusion=safety.optional_text("exclusion"),
+        in_zone=safety.optional_text("in_zone"),
+        trial_lift=safety.optional_text("trial_lift"),
         contingency=safety.texts("contingency"),
         shift=_shift(tables["shift"]),
     )
@@ -153,7 +157,17 @@ def _crane(crane: SiteTable) -> CraneDocuments:
         chart_date=crane.optional_text("chart_date"),
         wind_limit=crane.optional_number("wind_limit", "m/s", "> 0"),
         wind_measured=crane.optional_text("wind_measured"),
+        central_ballast=crane.optional_number("central_ballast", "kg", ">= 0"),
+        corner_in_service=_kilonewtons(crane, "corner_in_service"),
+        corner_out_of_service=_kilonewtons(crane, "corner_out_of_service"),
+        out_of_service=crane.optional_text("out_of_service"),
     )
+
+
+def _kilonewtons(table: SiteTable, field: str) -> float | None:
+    """Return a force [N] that the file gives in kilonewtons; None if it is left out."""
+    force = table.optional_number(field, "kN", "> 0")
+    return None if force is None else 1e3 * force
 
 
 def _load(load: SiteTable) -> LoadDetails:
@@ -169,14 +183,33 @@ def _load(load: SiteTable) -> LoadDetails:
 
 
 def _slings(slings: SiteTable) -> Slings:
-    """Return the slings; the file gives their angle in degrees from the vertical."""
+    """Return the slings; the file gives their angle in degrees from the vertical.
+
+    Raises:
+        DataError: If both the limit of one leg and that of the set are entered, since one of them
+            is then not what its name says, or a set has a number of legs that no standard has.
+    """
+    if "limit" in slings.values and "set_limit" in slings.values:
+        slings.fail(
+            "set_limit",
+            "limit is given, too; leave one out. limit is that of one leg in a straight pull, "
+            "set_limit that of all legs together, as the tag of a set has it.",
+        )
+    number = slings.optional_whole("number")
+    if "set_limit" in slings.values and number is not None and number not in SET_FACTORS:
+        slings.fail(
+            "set_limit",
+            f"a set has {min(SET_FACTORS)} to {max(SET_FACTORS)} legs, and number is {number}; "
+            "enter the limit of one leg as limit.",
+        )
     return Slings(
         type=slings.optional_choice("type", SLING_TYPES),
-        number=slings.optional_whole("number"),
+        number=number,
         angle=slings.optional_angle("angle", "0 to 85"),
         length=slings.optional_number("length", "m", "> 0"),
         limit=slings.optional_number("limit", "kg", "> 0"),
         certificate=slings.optional_text("certificate"),
+        set_limit=slings.optional_number("set_limit", "kg", "> 0"),
     )
 
 

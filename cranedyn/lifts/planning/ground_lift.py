@@ -35,6 +35,7 @@ from cranedyn.lifts.planning.standing import standing_check, standing_parts
 from cranedyn.lifts.planning.support import (
     NO_SUPPORT,
     Support,
+    balance_check,
     contact_check,
     meshes_at,
     support_of,
@@ -97,6 +98,12 @@ _DRUM_MASS_RATIO = 5.0
 
 _MAX_DAMPING_RATIO = 0.99
 """Largest damping ratio of the bounce that the bound of the pull counts on."""
+
+ROPE_STIFFNESS = 2e7
+"""Stiffness EA of a fall of the rope where a caller gives none [N]."""
+
+CREEP_SPEED = 0.1
+"""Largest speed at which a load is lifted off or set down where a caller gives none [m/s]."""
 
 _ANY_STIFFNESS = 2e7
 """Stiffness of a rope that hangs slack above a load that stands [N], which decides nothing."""
@@ -279,10 +286,10 @@ def not_grounded(lift: Lift, *, certified: bool) -> str:
 def from_ground(
     lift: Lift,
     *,
-    rope_stiffness: float = 2e7,
+    rope_stiffness: float = ROPE_STIFFNESS,
     falls: int | None = None,
-    creep: float = 0.1,
-    sink_rate: float = 0.1,
+    creep: float = CREEP_SPEED,
+    sink_rate: float = CREEP_SPEED,
     stands: tuple[bool, bool] = (True, True),
     hook: HookBlock | None = None,
     drum_inertia: float | None = None,
@@ -659,10 +666,14 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
     q, aside = _where_it_hangs(lift, run, phases)
     sections = [_Section(slice(phases.motion_begin, phases.motion_end + 1), NO_SUPPORT)]
     stands: list[tuple[str, Support, np.ndarray]] = []
+    ends: list[tuple[str, Support, np.ndarray]] = []
     for name, section in _sections_on_supports(lift, run, phases):
         corners = [load_corners(lift, state) for state in run.q[section.rows]]
         lowest = np.array([corner[:, 2].min() for corner in corners])
         stands.append((name, section.support, lowest))
+        # Level, as it is planned to stand: one that tips in the simulation has no support there.
+        level = _level_corners(lift, name)
+        ends.append((name, support_of(clearance, level), level))
         sections.append(section)
 
     nearest_of_sections = []
@@ -693,10 +704,20 @@ def _distance_checks(lift: GroundLift, run: Trajectory, phases: _Phases) -> list
             bool(not unproven and nearest.distance >= clearance.site.distance),
         ),
         contact_check(stands),
+        balance_check(clearance, ends, centre_known=clearance.site.details.load.centre is not None),
         _slewing_check(lift, q),
         standing_check(standing_result),
         coverage_check(clearance, compared),
     ]
+
+
+def _level_corners(lift: GroundLift, name: str) -> np.ndarray:
+    """Return the corners of the load as it is planned to stand at the "start" or the "goal", in the
+    frame of the crane [m], shape (8, 3).
+    """
+    t = 0.0 if name == "start" else lift.motion.arrival
+    drives = lift.motion(t).position
+    return load_corners(lift, _standing(lift.crane, lift.ground, drives, lift.lug).q)
 
 
 def _where_it_hangs(lift: GroundLift, run: Trajectory, phases: _Phases) -> _Hanging:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -12,7 +13,19 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import arguments as description_arguments
 from cranedyn.references.limits import Limits
+
+MAX_LISTED = 8
+"""Most obstacles that are listed by name."""
+
+MASS_ARGUMENTS = {
+    "trolley_mass": "mass of the trolley",
+    "upper_mass": "mass of what slews, on the slew axis",
+    "slewing_inertia": "its moment of inertia",
+    "dummy_mass": "mass of each link at the trolley",
+}
+"""Arguments of the tower crane of this project that are masses of its structure, in words."""
 
 EARTH_GRAVITY = (9.76, 9.84)
 """Least and largest gravity on the ground of the Earth [m/s²]."""
@@ -26,7 +39,39 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
         crane: The crane.
         limits: Limits that the lift is planned with: those of the site if it enters any, or less.
     """
-    return [*_of_crane(site, crane), *_of_load(site, crane), *_of_motion(site, crane, limits)]
+    return with_estimates(
+        site,
+        [
+            *_of_crane(site, crane),
+            *_of_structure(site, crane),
+            *_of_load(site, crane),
+            *_of_motion(site, crane, limits),
+            *_of_surroundings(site),
+        ],
+    )
+
+
+def with_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assumption]:
+    """Return assumptions, those as estimated of which the site says that what was entered is an
+    estimate.
+    """
+    marked = []
+    for assumption in assumptions:
+        if assumption.origin is Origin.ENTERED and _is_estimated(site, assumption.field):
+            marked.append(replace(assumption, origin=Origin.ESTIMATED))
+        else:
+            marked.append(assumption)
+    return marked
+
+
+def _is_estimated(site: Site, field: str) -> bool:
+    """Return whether one of the fields that an assumption names, such as "[jib] mass, centre", was
+    estimated; the mass of a load is also if its source says so.
+    """
+    if field == "[load] mass" and site.details.load.source == "estimated":
+        return True
+    table, _, names = field.partition("] ")
+    return any(f"{table}] {name}" in site.estimated for name in names.split(", "))
 
 
 def held_mass(crane: Crane) -> float:
@@ -74,6 +119,72 @@ def _of_crane(site: Site, crane: Crane) -> Iterator[Assumption]:
     yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
 
 
+def _of_structure(site: Site, crane: Crane) -> Iterator[Assumption]:
+    """Yield the masses of the crane, and the base that it stands on or the rails that it travels
+    on, as far as they are known.
+    """
+    yield from _masses_of_model(site, crane)
+    for arm in site.arms:
+        name = "jib" if arm.centre >= 0.0 else "counter-jib"
+        value = f"{arm.mass:,.0f} kg, centre {abs(arm.centre):g} m from the slew axis"
+        field = f"[{name.replace('-', '_')}] mass, centre"
+        yield Assumption(f"mass of the {name}", value, Origin.ENTERED, field)
+    length = site.crane.get("counter_jib")
+    if length:
+        yield Assumption(
+            "length of the counter-jib", f"{length:g} m", Origin.ENTERED, "[counter_jib] length"
+        )
+    if site.counterweight is not None:
+        value = f"{site.counterweight:,.0f} kg"
+        yield Assumption("counterweight", value, Origin.ENTERED, "[crane] counterweight")
+    base = site.base
+    if base is not None:
+        value = f"{base.spacing:g} m between its corners, {base.mass:,.0f} kg with what it adds"
+        yield Assumption("base", value, Origin.ENTERED, "[base] spacing, mass")
+        if base.permitted is not None:
+            value = f"{base.permitted / 1e3:,.0f} kN"
+            yield Assumption(
+                "force that the ground bears under a corner",
+                value,
+                Origin.ENTERED,
+                "[base] permitted",
+            )
+    runway = site.runway
+    if runway is not None:
+        first, second = runway.rails
+        value = f"at {first:g} and {second:g} m, wheels {runway.wheel_base:g} m apart"
+        yield Assumption("rails", value, Origin.ENTERED, "[runway] rails, wheel_base")
+
+
+def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
+    """Yield the masses that the model of a crane has: of the tower crane of this project each that
+    the site enters and those that it leaves as they are shipped, and of another one their sum.
+    """
+    if not isinstance(crane.record.get("arguments"), dict) or not site.is_tower:
+        # Pinocchio counts bodies from 1; the last one is the load.
+        moving = sum(inertia.mass for inertia in crane.model.inertias) - crane.payload_mass
+        is_entered = site.description is not None and site.description.file is not None
+        origin = Origin.SHIPPED if site.description and not is_entered else Origin.ENTERED
+        value = f"{moving:,.0f} kg in all that moves, without the load"
+        yield Assumption("masses of the crane's description", value, origin, "[crane]")
+        return
+    known = description_arguments()
+    shipped = []
+    for argument, name in MASS_ARGUMENTS.items():
+        unit = known[argument].unit.replace("^2", "²")
+        if argument in site.crane:
+            value = f"{site.crane[argument]:,.0f} {unit}"
+            yield Assumption(name, value, Origin.ENTERED, f"[crane.values] {argument}")
+        else:
+            shipped.append(
+                f"{name.removeprefix('mass of ')} {float(known[argument].default):,.0f} {unit}"
+            )
+    if shipped:
+        yield Assumption(
+            "masses of the crane as shipped", ", ".join(shipped), Origin.SHIPPED, "[crane.values]"
+        )
+
+
 def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
     """Yield the masses of load and rigging, and size and attitude of the load."""
     entered = "payload_mass" in site.crane or "payload_mass" in crane.record.get("arguments", {})
@@ -101,9 +212,33 @@ def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:
         size = f"{sides} m"
         origin = Origin.ENTERED
     yield Assumption("size of the load", size, origin, "[load] size")
-    along = "along the jib" if site.is_tower else "as it is at the start"
-    attitude = f"held {along}, such as by tag lines; it does not turn about the rope"
+    centre = site.details.load.centre
+    place = "the middle of its box, in plan"
+    if centre is not None:
+        place = f"({', '.join(f'{x:g}' for x in centre)}) m from the middle of its box"
+    yield Assumption(
+        "centre of gravity of the load",
+        place,
+        Origin.COMPUTED if centre is None else Origin.ENTERED,
+        "[load] centre",
+    )
+    attitude = f"held {load_attitude(site)}, such as by tag lines; it does not turn about the rope"
     yield Assumption("attitude of the load", attitude, Origin.ASSUMED)
+
+
+def load_attitude(site: Site) -> str:
+    """Return how the load is held in plan, in words: a site enters its sides across the jib and
+    along it, and the load turns with the jib.
+    """
+    if not site.is_tower:
+        return "as it is at the start, turning with the crane"
+    if site.load is None:
+        return "as the crane's URDF draws it, turning with the jib"
+    across, along, _ = np.ptp(site.load, axis=0).tolist()
+    if math.isclose(across, along, rel_tol=1e-3):
+        return f"with a side of {along:.1f} m along the jib"
+    where = "along" if along > across else "across"
+    return f"with its longer side, {max(across, along):.1f} m, {where} the jib"
 
 
 def rates_text(crane: Crane, rates: Sequence[float]) -> str:
@@ -113,6 +248,15 @@ def rates_text(crane: Crane, rates: Sequence[float]) -> str:
         turns = joint.kind == "revolute"
         texts.append(f"{math.degrees(rate):.2g} °/s" if turns else f"{rate:.2f}")
     return f"{in_words(texts)} m/s"  # the hoist, which is the last one, winds up metres
+
+
+def _accelerations_text(crane: Crane, accelerations: Sequence[float]) -> str:
+    """Return accelerations of the drives to read, those of rotations in degrees."""
+    texts = []
+    for joint, acceleration in zip(crane.layout.driven, accelerations, strict=True):
+        turns = joint.kind == "revolute"
+        texts.append(f"{math.degrees(acceleration):.3g} °/s²" if turns else f"{acceleration:.3g}")
+    return f"{in_words(texts)} m/s²"  # as in `rates_text`
 
 
 def in_words(names: Sequence[str]) -> str:
@@ -136,6 +280,12 @@ def _of_motion(site: Site, crane: Crane, limits: Limits) -> Iterator[Assumption]
         "[drives] rates",
     )
     yield Assumption(
+        f"largest accelerations of {in_words(drives)}",
+        _accelerations_text(crane, limits.accelerations),
+        origin,
+        "[drives] accelerations",
+    )
+    yield Assumption(
         "largest swing that the distance is kept with",
         f"{math.degrees(site.swing):.3g}°",
         _origin(site, "[lift] swing", site.swing, SWING),
@@ -146,6 +296,24 @@ def _of_motion(site: Site, crane: Crane, limits: Limits) -> Iterator[Assumption]
         f"{site.distance:g} m",
         _origin(site, "[lift] distance", site.distance, DISTANCE),
         "[lift] distance",
+    )
+
+
+def _of_surroundings(site: Site) -> Iterator[Assumption]:
+    """Yield the ground and what stands on the site."""
+    yield Assumption(
+        "ground", f"level, at a height of {site.ground:g} m", Origin.ENTERED, "[ground] height"
+    )
+    names = [solid.name for solid in site.solids]
+    listed = ", ".join(names[:MAX_LISTED])
+    if len(names) > MAX_LISTED:
+        listed = f"{listed} and {len(names) - MAX_LISTED} more"
+    value = f"{len(names)}: {listed}" if names else "none; nothing else is on the site"
+    yield Assumption("obstacles and zones", value, Origin.ENTERED, "[[box]] and the like")
+    yield Assumption(
+        "wind on the structure of the crane",
+        "none, in service and out of service",
+        Origin.ASSUMED,
     )
 
 

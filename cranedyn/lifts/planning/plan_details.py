@@ -91,6 +91,11 @@ class CraneDocuments:
         chart_date: Date of that chart.
         wind_limit: Wind at which the maker stops the crane [m/s].
         wind_measured: Where and how the wind is measured, such as "anemometer at the jib head".
+        central_ballast: Mass of the ballast on its base [kg].
+        corner_in_service: Largest force of a corner on the ground in service, with the wind in
+            which the crane works [N].
+        corner_out_of_service: The same out of service, in a storm [N].
+        out_of_service: How it is left, and up to which wind, in words.
     """
 
     maker: str | None = None
@@ -104,6 +109,10 @@ class CraneDocuments:
     chart_date: str | None = None
     wind_limit: float | None = None
     wind_measured: str | None = None
+    central_ballast: float | None = None
+    corner_in_service: float | None = None
+    corner_out_of_service: float | None = None
+    out_of_service: str | None = None
 
 
 @dataclass(frozen=True)
@@ -136,6 +145,8 @@ class Slings:
         length: Length of each leg [m].
         limit: Working load limit of one leg, in a straight pull [kg].
         certificate: Number of their certificate.
+        set_limit: Working load limit of all legs together, up to 45° from the vertical, as the tag
+            of a set has it [kg]. Either this or `limit` is entered, or neither.
     """
 
     type: SlingType | None = None
@@ -144,6 +155,7 @@ class Slings:
     length: float | None = None
     limit: float | None = None
     certificate: str | None = None
+    set_limit: float | None = None
 
 
 @dataclass(frozen=True)
@@ -243,7 +255,10 @@ class PlanDetails:
             [m].
         ground: What carries the crane.
         limits: Limits of the site.
+        tag_lines: How the load is kept from turning, such as "two, of 10 m".
         exclusion: How the area below the load is kept clear, in words.
+        in_zone: What is done about people and services in what stands in that area, in words.
+        trial_lift: How the load is tried before it is lifted, in words.
         contingency: What is done if something goes wrong, in sentences.
         shift: What the plan of a shift says of the lift; None if it is of none.
     """
@@ -257,6 +272,9 @@ class PlanDetails:
     hook_block_height: float | None = None
     ground: GroundDetails = field(default_factory=GroundDetails)
     limits: SiteLimits = field(default_factory=SiteLimits)
+    tag_lines: str | None = None
     exclusion: str | None = None
+    in_zone: str | None = None
+    trial_lift: str | None = None
     contingency: tuple[str, ...] = ()
     shift: LiftInShift | None = None

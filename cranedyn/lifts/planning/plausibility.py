@@ -11,8 +11,8 @@ little. Ratios are sharper: the density of the load, the speed of the jib's tip,
 place over the reach of the crane.
 
 Where a usual conversion brings a value from outside of its usual range into it, the sentence asks
-for that. What cannot be seen in this way: pounds for kilograms, a crane that turns at 0.8 where
-0.8 rpm are meant, or a mass with or without its rigging.
+for that. What cannot be seen in this way: pounds for kilograms, or a mass with or without its
+rigging.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Spreader
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Slings, Spreader
 from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
 
@@ -133,6 +133,15 @@ ARM_LENGTH = Quantity("A length of an arm", "m", (0.0, 500.0), (0.02, 150.0), MI
 # 1 m at 57 °/s. Trolleys go up to 2 m/s and those of container cranes 4 m/s; hoists 3.3 m/s.
 TURN_RATE = Quantity("The rate of a drive", "°/s", (0.0, 360.0), (0.3, 60.0), RADIANS)
 RATE = Quantity("The rate of a drive", "m/s", (0.0, 10.0), (0.002, 4.8), METRES_PER_MINUTE)
+DEGREES_PER_RPM = 6.0
+"""One revolution per minute in degrees per second."""
+
+SLOWEST_SLEW = 1.5
+"""Rate of a slew below which it is more likely one in revolutions per minute [°/s]."""
+
+SLOWEST_SLEW_RPM = 0.3
+"""Slowest slew of a crane [rpm]; what is slower is not usual in either unit."""
+
 TURN_ACCELERATION = Quantity(
     "The acceleration of a drive", "°/s²", (0.0, 360.0), (0.05, 120.0), RADIANS
 )
@@ -164,6 +173,7 @@ RISK = Quantity("The risk", "%", (0.0, 100.0), (0.0, 10.0), {})
 # What a lift plan says beside the motion. Slings are 0.5 to 20 m long, chains lift 1 to 30 t a leg
 # and the largest round slings some hundred; guides end at 60° from the vertical.
 SLING_LIMIT = Quantity("The working load limit of a leg", "kg", (0.1, 1e7), (50.0, 5e5), TONNES)
+SET_LIMIT = Quantity("The working load limit of a set", "kg", (0.1, 1e7), (50.0, 1e6), TONNES)
 SPREADER_LIMIT = Quantity(
     "The working load limit of the spreader", "kg", (0.1, 1e8), (50.0, 5e6), TONNES
 )
@@ -173,6 +183,14 @@ HOOK_HEIGHT = Quantity("The height of the hook block", "m", (1e-3, 50.0), (0.1, 
 SPREADER_HEIGHT = Quantity("The height of the spreader", "m", (0.0, 50.0), (0.0, 10.0), MILLIMETRES)
 JIB_LENGTH = Quantity("The length of the jib", "m", (0.01, 500.0), (0.2, 150.0), MILLIMETRES)
 COUNTER_BALLAST = Quantity("The counter-ballast", "kg", (0.0, 1e8), (100.0, 5e6), TONNES)
+CENTRAL_BALLAST = Quantity("The central ballast", "kg", (0.0, 1e8), (100.0, 5e6), TONNES)
+CORNER_FORCE = Quantity(
+    "The force of a corner",
+    "kN",
+    (0.0, 1e5),
+    (1.0, 2e4),
+    {"newtons": 1e-3, "tonnes": 9.81},
+)
 HEIGHT_UNDER_HOOK = Quantity(
     "The height under hook", "m", (0.01, 1500.0), (0.2, 300.0), MILLIMETRES
 )
@@ -210,6 +228,21 @@ is unusual: lugs stand out a little."""
 
 FARTHEST_POINT_OF_LOAD = 20.0
 """The same, beyond which it cannot be meant."""
+
+CHAIN_LIMITS = (
+    *(1120.0, 1500.0, 2000.0, 3150.0, 5300.0, 8000.0, 10000.0, 11200.0, 12500.0, 15000.0, 16000.0),
+    *(20000.0, 21200.0, 25000.0, 31500.0),
+    *(1400.0, 1900.0, 2500.0, 4000.0, 6700.0, 10000.0, 16000.0, 19000.0, 26500.0),
+)
+"""Working load limits of one leg of chain [kg]: grade 8 by EN 818-4, then grade 10 as makers sell
+it; both read in catalogues."""
+
+CHAIN_SET_LIMITS = {
+    2: (1600.0, 2120.0, 2800.0, 4250.0, 7500.0, 11200.0, 17000.0, 21200.0, 30000.0, 45000.0),
+    3: (2360.0, 3150.0, 4250.0, 6700.0, 11200.0, 17000.0, 26500.0, 31500.0, 45000.0, 67000.0),
+}
+"""Working load limits on the tags of sets of two legs of chain, and of three or four, up to 45°
+from the vertical [kg], for grade 8 by EN 818-4."""
 
 ANGLE_TOLERANCE = math.radians(5.0)
 """Difference of the entered angle of a sling and that of its length, above which one of them is
@@ -358,6 +391,8 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         site.drives, accelerations, TURN_ACCELERATION, ACCELERATION, "accelerations"
     )
     for drive, rate in zip(site.drives, rates, strict=False):
+        if drive.name == "slew":
+            yield from _of_slew(math.degrees(rate))
         if drive.name == "slew" and reach is not None:
             yield from judge_value(TIP_SPEED, rate * reach[1], "drives", "rates")
     for drive in site.drives:
@@ -365,6 +400,18 @@ def _of_drives(site: Site, reach: tuple[float, float] | None) -> Iterator[Findin
         if effort is not None:
             name = f"The effort of the {drive.name}"
             yield from judge_value(EFFORT, float(effort), "drives", "efforts", name)
+
+
+def _of_slew(rate: float) -> Iterator[Finding]:
+    """Yield a rate of the slew [°/s] that is more likely one in revolutions per minute."""
+    if not SLOWEST_SLEW_RPM <= rate < SLOWEST_SLEW:
+        return
+    sentence = (
+        f"The rate of the slew is {_number(rate)} °/s, {_number(rate / DEGREES_PER_RPM)} rpm, and "
+        f"few cranes slew at less than {_number(SLOWEST_SLEW)} °/s. Is {_number(rate)} in "
+        f"revolutions per minute? Then write {_number(DEGREES_PER_RPM * rate)}."
+    )
+    yield Finding("drives", "rates", False, sentence)
 
 
 def _of_motion_limits(
@@ -417,6 +464,7 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     spreader = details.spreader or Spreader()
     for quantity, value, table, field in (
         (SLING_LIMIT, slings.limit, "rigging.slings", "limit"),
+        (SET_LIMIT, slings.set_limit, "rigging.slings", "set_limit"),
         (SLING_LENGTH, slings.length, "rigging.slings", "length"),
         (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
         (SPREADER_HEIGHT, spreader.height, "rigging.spreader", "height"),
@@ -428,6 +476,16 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
     if site.load is not None:
         half = np.ptp(site.load, axis=0) / 2.0
         yield from _of_points(details.load, half)
+
+
+def is_limit_of_a_set(slings: Slings) -> bool:
+    """Return whether the limit that was entered for one leg of a chain sling can only be that of a
+    set: it is on the tags of `CHAIN_SET_LIMITS` and not among `CHAIN_LIMITS`.
+    """
+    if slings.type != "chain" or slings.limit is None or slings.number is None:
+        return False
+    of_sets = CHAIN_SET_LIMITS.get(min(slings.number, 3), ())
+    return slings.limit in of_sets and slings.limit not in CHAIN_LIMITS
 
 
 def _of_legs(details: PlanDetails) -> Iterator[Finding]:
@@ -444,6 +502,14 @@ def _of_legs(details: PlanDetails) -> Iterator[Finding]:
                 "from the horizontal?"
             )
             yield Finding(table, "angle", False, sentence)
+    if is_limit_of_a_set(slings):
+        assert slings.limit is not None
+        sentence = (
+            f"The limit of one leg is {_number(slings.limit)} kg, which no single leg of chain "
+            f"of grade 8 or 10 has, and a set of {slings.number} legs has on its tag. Is it that "
+            "of the set? Then write it as set_limit."
+        )
+        yield Finding(table, "limit", False, sentence)
     count = len(details.load.lifting_points)
     if count and slings.number not in (None, count) and details.spreader is None:
         sentence = f"There are {slings.number} legs and {count} lifting points of the load."
@@ -498,10 +564,17 @@ def _of_plan(site: Site) -> Iterator[Finding]:
     load = site.details.load
     mats = (ground.mat_length, ground.mat_width)
     share = None if limits.chart_share is None else 100.0 * limits.chart_share
+    in_service = None if crane.corner_in_service is None else crane.corner_in_service / 1e3
+    out_of_service = None
+    if crane.corner_out_of_service is not None:
+        out_of_service = crane.corner_out_of_service / 1e3
     pressure = None if ground.permitted_pressure is None else ground.permitted_pressure / 1e3
     for quantity, value, table, field in (
         (JIB_LENGTH, crane.jib_length, "crane", "jib_length"),
         (COUNTER_BALLAST, crane.counter_ballast, "crane", "counter_ballast"),
+        (CENTRAL_BALLAST, crane.central_ballast, "crane", "central_ballast"),
+        (CORNER_FORCE, in_service, "crane", "corner_in_service"),
+        (CORNER_FORCE, out_of_service, "crane", "corner_out_of_service"),
         (HEIGHT_UNDER_HOOK, crane.height_under_hook, "crane", "height_under_hook"),
         (WIND_LIMIT, crane.wind_limit, "crane", "wind_limit"),
         (WIND_LIMIT, limits.wind, "limits", "wind"),

@@ -12,12 +12,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails
+from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Slings
 
 CARRYING_LEGS = 2
 """Number of legs that are counted on where there are more. A rigid load on three or four legs hangs
 on two of them where one leg is a little too long. Guides for slingers count so; read second hand.
 """
+
+SET_FACTORS = {1: 1.0, 2: 1.4, 3: 2.1, 4: 2.1}
+"""Working load limit on the tag of a set, up to `SET_ANGLE`, over that of one of its legs, by the
+number of legs: EN 818-4 for chains, EN 13414-1 for wire ropes, EN 1492 for textile slings; read
+second hand."""
+
+STEEP_SET_FACTORS = {1: 1.0, 2: 1.0, 3: 1.5, 4: 1.5}
+"""The same from `SET_ANGLE` to 60° from the vertical."""
+
+SET_ANGLE = math.radians(45.0)
+"""Angle of a leg from the vertical up to which the larger limit on the tag of a set counts
+[rad]."""
 
 ON_LINE = 1e-3
 """Distance up to which a centre of gravity is on the line of two lifting points [m]: a millimetre,
@@ -91,6 +103,28 @@ def leg_share(load: LoadDetails, number: int) -> float | None:
         return equal
     share = largest_share(load.lifting_points, load.centre or (0.0, 0.0, 0.0))
     return None if share is None else max(share, equal)
+
+
+def leg_limit(slings: Slings) -> float | None:
+    """Return the working load limit of one leg in a straight pull [kg]: as entered, or that of a
+    set over `SET_FACTORS`; None if it does not follow from what is entered.
+    """
+    if slings.limit is not None:
+        return slings.limit
+    if slings.set_limit is None or slings.number not in SET_FACTORS:
+        return None
+    return slings.set_limit / SET_FACTORS[slings.number]
+
+
+def set_limit_at(slings: Slings, angle: float) -> float | None:
+    """Return the working load limit of a set whose legs lean by an angle from the vertical [rad],
+    as its tag has it [kg]; None if that of one leg was entered, or the number of legs was not.
+    """
+    if slings.set_limit is None or slings.number not in SET_FACTORS:
+        return None
+    if angle <= SET_ANGLE:
+        return slings.set_limit
+    return slings.set_limit * STEEP_SET_FACTORS[slings.number] / SET_FACTORS[slings.number]
 
 
 def sling_angle(details: PlanDetails) -> float | None:

@@ -291,6 +291,7 @@ class Site(ShortRepr):
             it is not entered.
         entered: Fields that somebody entered, such as "[lift] swing". A value that equals the
             default of this program counts as entered only if it is listed here.
+        estimated: Those of them that hold an estimate.
         unusual: Sentences about values that are unusual, see
             `cranedyn.lifts.planning.plausibility`.
     """
@@ -324,6 +325,7 @@ class Site(ShortRepr):
     boom: float | None = None
     counterweight: float | None = None
     entered: frozenset[str] = frozenset()
+    estimated: frozenset[str] = frozenset()
     unusual: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:

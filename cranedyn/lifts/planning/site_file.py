@@ -91,7 +91,7 @@ def read_site(path: str | Path) -> Site:
         UnknownName: If there is no file and no example of that name.
     """
     path = example_path(path, SITES, SITE_EXAMPLES, "site")
-    top, lines = read_fields(path, [*_FIELDS, *SOLIDS])
+    top, lines = read_fields(path, ["estimated", *_FIELDS, *SOLIDS])
     tables = _tables(top, lines)
     ground = tables["ground"].number("height")
     solids = solids_of(top, lines, ground)
@@ -141,6 +141,7 @@ def read_site(path: str | Path) -> Site:
         counterweight=_counterweight(crane),
         details=details,
         entered=_entered(tables),
+        estimated=_estimated(top, tables),
     )
     return _plausible(site, tables)
 
@@ -323,7 +324,9 @@ def _crane_values_of(
         if entered.argument in values:
             entered.table.fail(
                 entered.field,
-                f"{entered.argument} is among the values of [crane], too; leave one out.",
+                f"the same value is entered twice: here, and as {entered.argument} = "
+                f"{values[entered.argument]:g} in the values of [crane]. Keep this field, and take "
+                f"{entered.argument} out there.",
             )
         values[entered.argument] = entered.value
     return values
@@ -331,9 +334,27 @@ def _crane_values_of(
 
 def _entered(tables: Mapping[str, SiteTable]) -> frozenset[str]:
     """Return the fields that are entered, such as "[lift] swing"."""
-    return frozenset(
-        f"[{name}] {field}" for name, table in tables.items() for field in table.values
-    )
+    fields = {f"[{name}] {field}" for name, table in tables.items() for field in table.values}
+    values = tables["crane"].values.get("values", {})
+    return frozenset(fields | {f"[crane.values] {name}" for name in values})
+
+
+def _estimated(top: SiteTable, tables: Mapping[str, SiteTable]) -> frozenset[str]:
+    """Return the fields that the site calls estimated, such as "[jib] mass".
+
+    Raises:
+        DataError: If one of them is not entered.
+    """
+    entered = _entered(tables)
+    fields = top.take("estimated", names_of, [])
+    for field in fields:
+        if field not in entered:
+            top.fail(
+                "estimated",
+                f"{quoted(field)} is not entered in this file; write a field as the report does, "
+                'such as "[jib] mass" or "[crane.values] upper_mass".',
+            )
+    return frozenset(fields)
 
 
 def _plausible(site: Site, tables: Mapping[str, SiteTable]) -> Site:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import coal
 import numpy as np
@@ -31,6 +32,15 @@ CONTACT_TOLERANCE = 0.01
 A load at rest sinks by `cranedyn.dynamics.contact.Ground.sink`, 2 mm, into what it stands on. Set
 down at a speed v it goes to (1 + √(1 + v²/(g sink))) times that, 7 mm at 0.3 m/s.
 """
+
+
+WHOLE_UNDERSIDE = 0.995
+"""Share of the underside of a load from which on it does not overhang: what is less is the rounding
+of a load that is as long as its support."""
+
+EDGE_MARGIN = 0.05
+"""Least distance in plan of the centre of gravity of a load that overhangs from the edge of what
+carries it [m]: a centre of gravity is hardly known better."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +100,98 @@ def support_of(clearance: Clearance, corners: np.ndarray) -> Support:
             parts |= below
             tops += touched
     return Support(max(tops), frozenset(parts)) if parts else NO_SUPPORT
+
+
+def carried_area(clearance: Clearance, corners: np.ndarray, support: Support) -> Any:
+    """Return what carries a standing load, as a `shapely` area in plan in the frame of the crane:
+    the convex hull of all places where its underside rests on a part of its support.
+
+    Args:
+        clearance: Crane and site.
+        corners: Corners of the standing load in the frame of the crane [m], shape (n, 3).
+        support: Its support, see `support_of`.
+    """
+    import shapely  # slow, and few lifts need it
+
+    underside = underside_of(corners)
+    if ObstaclePart(GROUND, 0) in support.parts:
+        return underside
+    tops = []
+    for solid in clearance.site.seen_by_crane():
+        for i, part in enumerate(solid.parts):
+            top = float(part[:, 2].max())
+            if ObstaclePart(solid.name, i) not in support.parts:
+                continue
+            if abs(top - support.height) > CONTACT_TOLERANCE:
+                continue  # a part of the same obstacle that ends lower carries nothing
+            upper = part[part[:, 2] > top - CONTACT_TOLERANCE]
+            tops.append(shapely.MultiPoint(upper[:, :2]).convex_hull.intersection(underside))
+    return shapely.union_all(tops).convex_hull
+
+
+def underside_of(corners: np.ndarray) -> Any:
+    """Return the underside of a load as a `shapely` area in plan: the hull of its lowest corners.
+
+    Args:
+        corners: Its corners [m], shape (n, 3).
+    """
+    import shapely
+
+    lowest = corners[:, 2] < float(corners[:, 2].min()) + CONTACT_TOLERANCE
+    return shapely.MultiPoint(corners[lowest, :2]).convex_hull
+
+
+def balance_check(
+    clearance: Clearance, ends: Sequence[tuple[str, Support, np.ndarray]], *, centre_known: bool
+) -> Check:
+    """Return a check that a standing load does not tip over the edge of what it stands on: its
+    centre of gravity, the middle of its box in plan, is above the area that carries it. A load that
+    overhangs and whose centre of gravity nobody entered is not judged.
+
+    Args:
+        clearance: Crane and site.
+        ends: Name, support, and corners of the standing load in the frame of the crane [m], shape
+            (8, 3), of each end of the lift at which the load stands.
+        centre_known: Whether somebody entered the centre of gravity.
+    """
+    import shapely
+
+    sentences = []
+    verdicts: list[bool | None] = []
+    for name, support, corners in ends:
+        if not support.parts:
+            sentences.append(f"at the {name} it stands on nothing")
+            verdicts.append(False)
+            continue
+        area = carried_area(clearance, corners, support)
+        share = area.area / underside_of(corners).area
+        on = ", ".join(sorted({part.obstacle for part in support.parts}))
+        if share > WHOLE_UNDERSIDE:
+            sentences.append(f"at the {name} all of its underside is on {on}")
+            verdicts.append(True)
+            continue
+        middle = shapely.Point(corners[:, :2].mean(axis=0))
+        inside = area.contains(middle)
+        edge = float(area.boundary.distance(middle))
+        overhangs = f"at the {name} it overhangs {on}, which carries {100.0 * share:.0f} % of it"
+        if inside and not centre_known:
+            sentences.append(f"{overhangs}, and nobody entered [load] centre: not judged")
+            verdicts.append(None)
+            continue
+        where = "inside" if inside else "outside"
+        sentences.append(
+            f"{overhangs}, its centre of gravity {edge:.2f} m {where} the edge that carries it"
+        )
+        verdicts.append(inside and edge >= EDGE_MARGIN)
+    verdict = False if False in verdicts else None if None in verdicts else True
+    return Check(
+        f"The load does not tip where it stands: {'; '.join(sentences)}; {EDGE_MARGIN:g} m from "
+        "the edge required."
+        if verdict is not False
+        else f"The load would tip where it stands: {'; '.join(sentences)}; {EDGE_MARGIN:g} m from "
+        "the edge required.",
+        verdict,
+    )
 
 
 def meshes_at(site: Site, corners: np.ndarray) -> list[str]:

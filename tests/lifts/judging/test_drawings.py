@@ -25,17 +25,21 @@ from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Lab
 from cranedyn.lifts.judging.drawings.labels import place_texts, text_width
 from cranedyn.lifts.judging.drawings.outlines import crane_shapes
 from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack
-from cranedyn.lifts.judging.drawings.sheet import DrawingTooLarge, choose_layout
+from cranedyn.lifts.judging.drawings.sheet import MARGIN, DrawingTooLarge, choose_layout
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import (
     MAX_NAMED,
     across_runway,
     elevation_view,
     plan_view,
+    standing_outlines,
 )
+from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.numbered_positions import end_names
-from cranedyn.lifts.judging.report_page import _sheets_or_reason
+from cranedyn.lifts.judging.plan_record import PlanMark
+from cranedyn.lifts.judging.report_page import SHEET_FOOT, _sheets_or_reason, lift_html
 from cranedyn.lifts.judging.sequence import motion_steps
+from cranedyn.lifts.planning.crane_bodies import collision_bodies
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
     LoadDetails,
@@ -46,6 +50,7 @@ from cranedyn.lifts.planning.plan_details import (
 from cranedyn.lifts.planning.rigging import rigging_height, sling_height
 from cranedyn.lifts.planning.site_file import SITES, read_site
 from cranedyn.lifts.planning.solids import box, prism
+from cranedyn.model.load import load_crane
 from tests.lifts.judging.test_judgement import small
 from tests.lifts.planning.sites import WALL
 from tests.lifts.planning.test_any_crane import clearance
@@ -95,6 +100,30 @@ def test_the_elevation_has_the_wall_from_its_least_to_its_largest_radius_under_t
     assert (bottom, top) == (0.0, 8.0)
     # The tip of the jib, 23.5 m from the axis, passes over all of it.
     assert largest == pytest.approx(math.hypot(21.0, 0.5), abs=1e-6)
+
+
+def test_tower_and_base_are_as_wide_in_the_elevation_as_entered() -> None:
+    """The jib points to (6, -12) at the pick-up, over no side of the base, which is 4.5 m wide."""
+    found = scene()
+    lift = found.analysis.certificate.lift
+    on_base = replace(lift.clearance, site=found.analysis.site)
+    places = [position.place for position in found.positions]
+    found = replace(found, shapes=[crane_shapes(on_base, place) for place in places])
+    outlines = standing_outlines(found)
+    assert np.ptp(outlines[-1][:, 0]) == pytest.approx(4.5)
+    for flat, body in zip(outlines, found.shapes[0].standing, strict=True):
+        # A square body has one width, which is that of its sides in plan.
+        sides = np.ptp(body[:, :2], axis=0)
+        assert np.ptp(flat[:, 0]) == pytest.approx(sides.min(), abs=1e-6)
+
+
+def test_mast_and_foot_are_as_wide_as_entered() -> None:
+    crane = load_crane(mast_height=40.0, mast_width=1.6, foot_width=4.0)
+    tower, foot = sorted(collision_bodies(crane).mast, key=lambda body: -body[:, 2].max())
+    assert np.ptp(tower[tower[:, 2] > 20.0][:, 0]) == pytest.approx(1.6, rel=0.25)  # legs have 0.16
+    assert np.ptp(np.concatenate([tower, foot])[:, 0]) == pytest.approx(4.0, abs=1e-6)
+    drawn = collision_bodies(load_crane(mast_height=40.0)).mast
+    assert np.ptp(np.concatenate(drawn)[:, 0]) == pytest.approx(6.0, abs=1e-6)
 
 
 def test_dimensions_say_the_distances_that_they_are_drawn_over() -> None:
@@ -192,6 +221,32 @@ def test_a_report_without_drawings_says_why(monkeypatch: pytest.MonkeyPatch) -> 
     drawn, not_drawn = _sheets_or_reason(scene())
     assert drawn == []
     assert "There are no drawings. The plan is" in not_drawn[0]
+
+
+def test_each_sheet_has_room_for_the_digest_and_the_number_of_its_page() -> None:
+    """A browser writes both into the margin at the foot of a page, which a sheet of its own size
+    has, too; nothing of the drawing is below its frame there.
+    """
+    found = scene()
+    mark = PlanMark("ab" * 32, 1, "lift.json")
+    page = lift_html(found, [], tables(found.analysis), [], plan=mark)
+    assert '@bottom-left { content: "Revision 1 · digest abababababab"' in page
+    made = sheets(found)
+    assert 0.0 < SHEET_FOOT < MARGIN
+    for sheet in made:
+        rule = page[page.index(f"@page sheet-{sheet.name} {{") :]
+        assert f"margin: 0 0 {SHEET_FOOT}mm;" in rule[: rule.index("@bottom-left")]
+        assert f"height: {sheet.height_mm - SHEET_FOOT}mm; overflow: hidden" in page
+        assert f"width: {sheet.width_mm}mm; height: {sheet.height_mm - SHEET_FOOT}mm" in page
+
+
+def test_what_the_exclusion_zone_goes_through_is_named() -> None:
+    """The wall is under the path; a shed far from it is not in the zone."""
+    found = scene()
+    far = box("shed", (-40.0, -40.0), (2.0, 2.0, 2.0), 0.0)
+    site = replace(found.analysis.site, solids=(*found.analysis.site.solids, far))
+    found = replace(found, analysis=replace(found.analysis, site=site))
+    assert "wall" in found.in_exclusion_zone and "shed" not in found.in_exclusion_zone
 
 
 def test_north_is_where_the_bearing_of_the_y_axis_has_it() -> None:

@@ -639,9 +639,11 @@ def test_each_value_that_nobody_entered_is_a_default() -> None:
         entered, crane, limits, Requirements(wind=12.0, swing=0.2, risk=0.03), falls=2
     )
     defaults = [a.name for a in unknown.assumptions if a.origin is Origin.DEFAULT]
-    assert len(unknown.assumptions) == 21
+    assert len(unknown.assumptions) == 27
     assert {a.name for a in unknown.assumptions} - {*defaults} == {
         *("size of the load", "load chart", "crane", "gravity", "attitude of the load"),
+        *("masses of the crane as shipped", "centre of gravity of the load"),
+        *("ground", "obstacles and zones", "wind on the structure of the crane"),
         "area of the load to the wind, times its drag coefficient",
     }
     assert [a.name for a in known.assumptions if a.origin is Origin.DEFAULT] == []

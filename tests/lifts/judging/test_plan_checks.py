@@ -28,6 +28,7 @@ from cranedyn.lifts.judging.lift_checks import (
     wind_borne,
 )
 from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
+from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
     centre_between_lifting_points,
@@ -36,12 +37,14 @@ from cranedyn.lifts.judging.plan_checks import (
     gust_below_all_limits,
     headroom,
     not_checked,
+    papers_bear,
     plan_checks,
     rope_above_hook_block,
     sling_force,
     slings_bear,
     spreader_bears,
 )
+from cranedyn.lifts.judging.plan_fields import PlanField, field_groups
 from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
 from cranedyn.lifts.judging.sequence import lift_steps
 from cranedyn.lifts.planning.clearance import Nearest
@@ -101,10 +104,53 @@ def test_a_leg_carries_half_of_what_hangs_in_the_slings_over_the_cosine_of_its_a
     assert leg.utilisation == pytest.approx(1287.0 / 1300.0)
     check = slings_bear(found)
     assert check is not None and check.holds is True
-    assert "pulls with 1.29 t at most, 99 % of its working load limit of 1.30 t" in check.sentence
+    assert (
+        "pulls with 1.29 t at most, 99 % of its working load limit of 1.30 t, entered as"
+        in check.sentence
+    )
     for changes in ({"limit": 1286.0}, {"angle": math.radians(61.0), "limit": 5000.0}):
         refused = slings_bear(pulling(planned(slings=replace(slings, **changes)), 1.1))
         assert refused is not None and refused.holds is False
+
+
+def test_a_set_is_judged_by_its_leg_and_by_its_tag() -> None:
+    """900 · 1.43 kg = 1,287 kg hang in the slings. At 60° a leg of four pulls with as much, so that
+    the set needs a tag of 2.1 times that. At 20° two legs are limited by their tag: a leg pulls
+    with ½ · 1,287 kg / cos 20°, three quarters of what it may of a tag of 1,287 kg.
+    """
+    steep = Slings(number=4, angle=math.radians(60.0), set_limit=2.1 * 1288.0)
+    for limit, holds in ((2.1 * 1288.0, True), (2.1 * 1286.0, False)):
+        check = slings_bear(pulling(planned(slings=replace(steep, set_limit=limit)), 1.1))
+        assert check is not None and check.holds is holds, check.sentence
+        assert "follows from 2.70 t on the tag of the set" in check.sentence
+    upright = Slings(number=2, angle=math.radians(20.0), set_limit=1288.0)
+    for limit, holds in ((1288.0, True), (1286.0, False)):
+        found = pulling(planned(slings=replace(upright, set_limit=limit)), 1.1)
+        check = slings_bear(found)
+        assert check is not None and check.holds is holds, check.sentence
+        leg = sling_force(found)
+        assert leg is not None and leg.force < 0.8 * leg.limit
+        assert leg.utilisation == pytest.approx(1287.0 / limit)
+
+
+@pytest.mark.parametrize(
+    ("slings", "shown", "hidden"),
+    [
+        (Slings(number=2, angle=0.5, limit=2000.0), "<dt>WLL of one leg</dt><dd>2.00 t<", "tag"),
+        (
+            Slings(number=2, angle=0.5, set_limit=2800.0),
+            "<dt>WLL of the set, on its tag</dt><dd>2.80 t up to 45°<",
+            "<dd>2.80 t<",
+        ),
+    ],
+)
+def test_the_page_says_whether_a_limit_is_of_a_leg_or_of_a_set(
+    monkeypatch: pytest.MonkeyPatch, slings: Slings, shown: str, hidden: str
+) -> None:
+    monkeypatch.setattr(Judgement, "figures", {})
+    found = planned(slings=slings)
+    page = unescape(Judgement(found, run_checks(found)).html())
+    assert shown in page and hidden not in page.split("<dt>Slings</dt>")[1].split("Headroom")[0]
 
 
 def test_dynamics_of_the_simulated_lift_are_in_the_force_of_a_leg() -> None:
@@ -212,6 +258,79 @@ def test_a_permitted_pressure_takes_the_place_of_a_permitted_force() -> None:
     assert corners.holds is True and "judged by its pressure" in corners.sentence
 
 
+@pytest.mark.parametrize(
+    ("in_service", "out_of_service", "holds", "words"),
+    [
+        (300e3, 380e3, True, "with 300 kN in service and 380 kN out of service, wind on the crane"),
+        (300e3, 401e3, False, "400 kN permitted"),
+        (401e3, 300e3, False, "400 kN permitted"),
+        (300e3, None, None, "[crane] lacks corner_out_of_service"),
+        (None, 300e3, None, "[crane] lacks corner_in_service"),
+    ],
+)
+def test_the_ground_bears_what_the_papers_have_with_wind(
+    in_service: float | None, out_of_service: float | None, holds: bool | None, words: str
+) -> None:
+    """The base of the crane permits 400 kN."""
+    crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
+    check = papers_bear(planned(crane=crane))
+    assert check is not None and check.holds is holds and words in check.sentence
+
+
+def test_the_pressure_with_wind_is_that_of_the_papers_on_the_mat() -> None:
+    crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
+    for permitted, holds in ((100.1e3, True), (99.9e3, False)):
+        ground = GroundDetails(permitted, None, 2.0, 1.5)
+        check = papers_bear(planned(crane=crane, ground=ground))
+        assert (
+            check is not None and check.holds is holds and "100 kPa below a mat" in check.sentence
+        )
+    no_mat = papers_bear(planned(crane=crane, ground=GroundDetails(permitted_pressure=1e5)))
+    assert no_mat is not None and no_mat.holds is None
+
+
+def test_the_first_page_says_that_forces_on_the_ground_are_without_wind(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(Judgement, "figures", {})
+    crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
+    for found, words in (
+        (bare(), "in service with wind, and out of service, is not judged"),
+        (planned(crane=crane), "those of its papers count"),
+    ):
+        page = unescape(Judgement(found, run_checks(found)).html())
+        assert words in page[: page.index("Sign-off")]
+
+
+def test_each_corner_of_the_base_has_its_forces() -> None:
+    """The load goes from (6, -12) to (6, 12) m: the corner at +x, -y presses most when it is picked
+    up, and that at +x, +y when it is set down.
+    """
+    ground = next(group for group in field_groups(bare()) if group.title == "Ground")
+    forces = {}
+    for field in ground.fields[:4]:
+        assert field.value is not None
+        largest = re.fullmatch(r"(\d+) to (\d+) kN", field.value)
+        assert largest is not None
+        forces[field.label.split(" of the site")[0]] = float(largest[2])
+    assert forces["Corner at +x, +y"] == pytest.approx(forces["Corner at +x, −y"], rel=0.05)
+    assert forces["Corner at +x, +y"] > 1.1 * forces["Corner at −x, −y"]
+    no_base = replace(bare(), site=replace(bare().site, base=None))
+    ground = next(group for group in field_groups(no_base) if group.title == "Ground")
+    assert ground.fields[0] == PlanField("Force of each corner", None)
+
+
+def test_tag_lines_trial_lift_ballast_and_storm_are_fields_to_be_filled_in() -> None:
+    labels = ("Tag lines", "Trial lift", "Central ballast", "Out of service")
+    crane = CraneDocuments(central_ballast=40e3, out_of_service="brake open")
+    entered = planned(crane=crane, tag_lines="two", trial_lift="0.3 m high")
+    for found, values in ((bare(), [None] * 4), (entered, ["two", "0.3 m high", "40.00 t", None])):
+        fields = {f.label: f.value for group in field_groups(found) for f in group.fields}
+        shown = [fields[label] for label in labels]
+        assert shown[:3] == values[:3]
+        assert shown[3] == (None if found is bare() else "brake open")
+
+
 def test_the_least_limit_of_the_wind_counts() -> None:
     """The lift is simulated in gusts up to 8 m/s and must be possible in 8 m/s."""
     for maker, site, holds, whose in (
@@ -269,6 +388,40 @@ def test_pick_up_and_set_down_have_the_rated_load_of_the_chart_at_their_radius()
     assert [row[3] for row in positions_table(unknown).rows] == [None, None, None]
 
 
+@cache
+def from_the_ground() -> LiftAnalysis:
+    """The lift of the example, from ground to ground: its load is 1.2 m high."""
+    return judge(read_site("signed_lift"), requirements=Requirements(lifts=0, gusts=0)).analysis
+
+
+def test_a_load_that_stands_is_picked_up_and_set_down_on_the_ground() -> None:
+    positions = lift_positions(from_the_ground())
+    names = ["pick-up", "lifted off", "largest radius", "above set-down", "set-down"]
+    assert [position.name for position in positions] == names
+    first, off, _, above, last = positions
+    for stands, hangs, place in ((first, off, (6.0, -14.0)), (last, above, (13.0, 9.0))):
+        # Half of its height above the ground, into which a load at rest sinks by 2 mm.
+        np.testing.assert_allclose(stands.place, [*place, 0.6], atol=0.01)
+        np.testing.assert_allclose(hangs.place[:2], place, atol=0.02)
+        assert hangs.place[2] > 1.0
+        assert (stands.radius, stands.rated) == (hangs.radius, hangs.rated)
+        assert stands.radius == pytest.approx(math.hypot(*place), abs=0.02)
+
+
+def test_the_lift_goes_from_where_the_load_stands_to_where_it_is_set_down() -> None:
+    table = next(table for table in tables(from_the_ground()) if table.title == "The lift")
+    rows = {row[0]: row[1] for row in table.rows}
+    assert rows["from, to [m]"] == "(6.0, -14.0, 0.6) to (13.0, 9.0, 0.6)"
+
+
+def test_the_sequence_begins_and_ends_where_the_load_stands() -> None:
+    first, *_, last = lift_steps(from_the_ground())
+    assert first.movements[0].startswith("Lift off from (6.0, -14.0, 0.6): take up the slack")
+    np.testing.assert_allclose(last.place, [13.0, 9.0, 0.6], atol=0.01)
+    above = lift_positions(from_the_ground())[-2]
+    assert f"lower the load by {above.place[2] - 0.6:.1f} m onto its support" in last.movements[0]
+
+
 def of_share(share: float, **limits: bool) -> LiftAnalysis:
     """The lift with a chart of which its gross load is a share, and what the site says of it."""
     made = planned(limits=SiteLimits(**limits))
@@ -301,6 +454,41 @@ def test_the_category_is_the_highest_that_a_rule_gives(
     assert found.text == category
     assert len(found.not_entered) == 3 - len(said)
     assert found.rules
+
+
+def test_what_stands_in_the_exclusion_zone_leaves_the_category_open() -> None:
+    found = of_share(0.4, **CLEAR)
+    category = lift_category(found, ("shed", "street"))
+    assert category.text == "at least routine"
+    assert category.not_judged == ("what stands in the exclusion zone (shed and street)",)
+    details = replace(found.site.details, in_zone="both are empty")
+    empty = replace(found, site=replace(found.site, details=details))
+    assert lift_category(empty, ("shed", "street")).text == "routine"
+    people = next(g for g in field_groups(empty, ("shed", "street")) if g.title.startswith("Peop"))
+    assert PlanField("Stands in that zone", "shed, street") in people.fields
+    assert PlanField("What is done about it", "both are empty") in people.fields
+
+
+def test_a_rated_load_between_two_points_of_the_chart_is_called_interpolated() -> None:
+    """The chart has 2,500 kg up to 20 m, 2,350 at 21 and 2,200 at 22 m."""
+    made = bare()
+    radius = made.loads["radius_m"]
+    for largest, between in ((20.5, "between 20 and 21 m"), (21.0, ""), (19.0, "")):
+        values = {**made.loads.values, "radius_m": radius + largest - radius.max()}
+        far = replace(made, loads=replace(made.loads, values=values))
+        rated = far.chart.on(2).at(far.loads["radius_m"])
+        far = replace(far, utilisation=made.loads["pull_N"] / (made.crane.gravity * rated))
+        row = int(far.loads["radius_m"].argmax())
+        highest = np.zeros(len(radius))
+        highest[row] = 0.5
+        check = utilisation_below_warning(replace(far, utilisation=highest))
+        note = positions_table(far).note
+        if between:
+            assert f"of the chart, interpolated {between}, at most" in check.sentence
+            assert f"Interpolated {between}: pick-up, largest radius, set-down." in note
+        else:
+            assert "nterpolated" not in check.sentence
+            assert "largest radius" not in note
 
 
 def test_without_a_chart_the_category_is_at_least_what_the_other_rules_give() -> None:
@@ -382,7 +570,7 @@ def test_the_wind_acts_on_the_area_and_drag_that_are_entered() -> None:
 def test_what_nobody_entered_is_no_check_and_said_beside_the_checks() -> None:
     assert plan_checks(bare()) == []
     missing = not_checked(bare(), plan_checks(bare()))
-    assert len(missing) == 6
+    assert len(missing) == 7
     for words in ("slings", "lifting_points", "height_under_hook", "permitted_pressure"):
         assert any(words in sentence for sentence in missing)
 

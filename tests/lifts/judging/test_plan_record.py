@@ -429,6 +429,21 @@ def test_nothing_outside_of_the_folder_is_read_unless_it_is_named(tmp_path: Path
     assert record.inputs.files[1].path == "hall.stl"
 
 
+def test_a_site_file_above_the_folder_of_a_plan_is_proposed_and_not_read(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    folder = tmp_path / "out" / "plan"
+    folder.mkdir(parents=True)
+    plan(folder)
+    monkeypatch.chdir(folder)
+    (folder / "yard.toml").rename(tmp_path / "yard.toml")
+    check = verified(folder, recompute=False)[-1]
+    assert check.verdict is Verdict.NOT_JUDGED
+    assert "name it by --site, such as --site ../../yard.toml" in check.sentence
+    (tmp_path / "yard.toml").rename(tmp_path.parent / f"{tmp_path.name}.toml")
+    assert "such as" not in verified(folder, recompute=False)[-1].sentence
+
+
 def test_a_crane_beside_a_plan_is_not_loaded_unless_it_is_named(tmp_path: Path) -> None:
     """A .xacro file runs code, and a stranger may have put it there."""
     record = plan(tmp_path)

@@ -23,6 +23,7 @@ from cranedyn.lifts.planning.plan_details import (
     Slings,
     Spreader,
 )
+from cranedyn.lifts.planning.plausibility import is_limit_of_a_set
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import SITES, read_site
 
@@ -39,6 +40,7 @@ jib_length = 22.0
 counter_ballast = 3000.0
 height_under_hook = 26.0
 wind_limit = 20.0
+corner_in_service = 300.0
 [ground]
 height = 0.0
 permitted_pressure = 150.0
@@ -92,6 +94,7 @@ def test_a_lift_plan_is_what_its_tables_enter_in_si_units(tmp_path: Path) -> Non
         counter_ballast=3000.0,
         height_under_hook=26.0,
         wind_limit=20.0,
+        corner_in_service=300e3,
     )
     assert details.load == LoadDetails(
         "weighed", (0.1, -0.2, -0.1), ((0.0, -1.2, 0.6), (0.0, 1.2, 0.6)), 4.0, 1.3
@@ -127,9 +130,16 @@ def test_what_nobody_entered_has_no_value(tmp_path: Path) -> None:
         ('"chain"', '"rope"', "[rigging.slings] type: There is no type 'rope'"),
         ("number = 2\n", "number = 0\n", "[rigging.slings] number: number is 0"),
         ("angle = 25.0", "angle = 95.0", "angle is 95.0 degrees; allowed is 0 to 85"),
-        ("angle = 25.0", "angel = 25.0", "line 35, [rigging.slings] angel: There is no field"),
+        ("angle = 25.0", "angel = 25.0", "line 36, [rigging.slings] angel: There is no field"),
+        ("limit = 2000.0", "limit = 2000.0\nset_limit = 2800.0", "set_limit: limit is given, too"),
+        ("number = 2\n", "number = 5\nset_limit = 9.0\n", "set_limit: limit is given, too"),
         ("limit = 3000.0", "limit = -1.0", "[rigging.spreader] limit: limit is -1.0 kg"),
         ("mat = [2.0, 1.5]", "mat = [2.0]", "[ground] mat: mat is '[2.0]'; allowed is 2 numbers"),
+        (
+            "[crane]",
+            "[counter_jib]\nlength = 9.4\n[crane]\nvalues = {counter_jib = 9.4}",
+            "entered twice: here, and as counter_jib = 9.4 in the values of [crane]. Keep this",
+        ),
         ("over_people = false", "over_people = 0", "over_people: allowed is true or false"),
         ("[0.0, 1.2, 0.6]]", "[0.0, 1.2]]", "lifting_points: point of lifting_points is"),
         ('["set down", "wait"]', "3", "[safety] contingency: contingency is 3"),
@@ -154,6 +164,12 @@ def test_what_is_wrong_in_a_lift_plan_is_said_with_its_field_and_the_likely_mist
     ("old", "new", "sentence"),
     [
         ("limit = 2000.0", "limit = 2.0", "Is 2 in tonnes? Then write 2000."),
+        ("limit = 2000.0", "set_limit = 2.8", "Is 2.8 in tonnes? Then write 2800."),
+        (
+            "[job]",
+            "[drives]\nrates = [0.8, 1.5, 1.0]\naccelerations = [1.0, 0.4, 0.4]\n[job]",
+            "Is 0.8 in revolutions per minute? Then write 4.8.",
+        ),
         ("counter_ballast = 3000.0", "counter_ballast = 3.0", "Is 3 in tonnes? Then write 3000."),
         ("angle = 25.0", "angle = 0.44", "Is 0.44 in radians? Then write 25.2"),
         ("wind_limit = 20.0", "wind_limit = 72.0", "Is 72 in kilometres per hour? Then write 20."),
@@ -185,6 +201,39 @@ def test_an_angle_from_the_horizontal_is_seen_by_the_length_of_the_leg(tmp_path:
     assert "There are 4 legs and 2 lifting points" in sentence
 
 
+def test_a_set_has_as_many_legs_as_a_standard_has(tmp_path: Path) -> None:
+    five = WHOLE.replace("number = 2\n", "number = 5\n").replace("limit = 2000", "set_limit = 2000")
+    with pytest.raises(DataError, match=re.escape("a set has 1 to 4 legs, and number is 5")):
+        read(tmp_path, five)
+
+
+@pytest.mark.parametrize(
+    ("number", "limit", "asked"),
+    [
+        # Chains of grade 8 by EN 818-4: 10 mm lift 3.15 t on a leg, 4.25 t on two, 6.7 t on four.
+        (2, 3150.0, False),
+        (2, 4250.0, True),
+        (4, 4250.0, True),
+        (4, 2000.0, False),
+        (1, 4250.0, False),
+        (2, 17000.0, True),
+        (2, 11200.0, False),  # a chain of 19 mm lifts it on one leg
+        (4, 6700.0, False),
+    ],
+)
+def test_a_limit_of_a_leg_that_only_a_set_has_is_asked_about(
+    number: int, limit: float, asked: bool
+) -> None:
+    assert is_limit_of_a_set(Slings("chain", number, limit=limit)) is asked
+    assert not is_limit_of_a_set(Slings("webbing", number, limit=limit))
+
+
+def test_a_limit_that_only_a_set_has_is_unusual(tmp_path: Path) -> None:
+    (sentence,) = read(tmp_path, WHOLE.replace("limit = 2000.0", "limit = 2120.0")).unusual
+    assert "Is it that of the set? Then write it as set_limit." in sentence
+    assert read(tmp_path, WHOLE.replace("limit = 2000.0", "set_limit = 2120.0")).unusual == ()
+
+
 def test_a_load_that_stands_hangs_below_the_middle_of_its_box() -> None:
     corners = np.array([[x, y, z] for x in (-1, 1) for y in (-2, 2) for z in (-1, 1)]) * 0.5
     _refuse_unless_a_box(corners + np.array([0.009, 0.0, 0.0]))
@@ -201,5 +250,7 @@ def test_the_example_of_a_lift_plan_leaves_no_field_empty() -> None:
         assert value, part.name
         if dataclasses.is_dataclass(value):
             for field in dataclasses.fields(value):
+                if field.name == "set_limit":
+                    continue  # that of one leg is entered instead
                 entered = getattr(value, field.name)
                 assert entered is not None and entered != (), f"{part.name} {field.name}"

@@ -278,7 +278,7 @@ def test_a_lift_stands_at_one_end_and_hangs_at_the_other(
     lift = from_ground(planned, creep=0.2, sink_rate=0.2, stands=stands)
     run, checks = certify_ground_lift(lift)
     assert [check.sentence for check in checks if not check.holds] == []
-    assert len(checks) == 8 and [run.phase[0] == 2.0, run.phase[-1] == 2.0] == list(stands)
+    assert len(checks) == 9 and [run.phase[0] == 2.0, run.phase[-1] == 2.0] == list(stands)
 
 
 @pytest.mark.long

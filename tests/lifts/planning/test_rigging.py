@@ -12,8 +12,10 @@ from cranedyn.lifts.planning.rigging import (
     attachment_height,
     counted_legs,
     largest_share,
+    leg_limit,
     leg_share,
     rigging_height,
+    set_limit_at,
     sling_angle,
     tilt,
 )
@@ -129,3 +131,29 @@ def test_a_load_in_legs_of_one_length_turns_until_its_centre_is_plumb_below_the_
     assert found == pytest.approx(math.atan(0.25 / (hook + 0.5)))
     assert tilt(details(aside, slings, Spreader())) is None
     assert tilt(details(LoadDetails(lifting_points=SQUARE), slings)) is None
+
+
+@pytest.mark.parametrize(
+    ("number", "degrees", "of_leg", "of_set"),
+    [
+        # EN 818-4, chains of 10 mm of grade 8: 3.15 t a leg; 4.25 t for two legs, 6.7 t for three
+        # or four up to 45°, 3.15 t and 4.75 t up to 60°, all rounded there to steps of their own.
+        (1, 0.0, 3150.0, 3150.0),
+        (2, 45.0, 4250.0 / 1.4, 4250.0),
+        (2, 46.0, 4250.0 / 1.4, 3150.0),
+        (3, 45.0, 6700.0 / 2.1, 6700.0),
+        (4, 60.0, 6700.0 / 2.1, 4750.0),
+    ],
+)
+def test_the_tag_of_a_set_has_the_limit_of_a_leg_times_the_factor_of_the_standard(
+    number: int, degrees: float, of_leg: float, of_set: float
+) -> None:
+    on_tag = {1: 3150.0, 2: 4250.0, 3: 6700.0, 4: 6700.0}[number]
+    slings = Slings(number=number, set_limit=on_tag)
+    assert leg_limit(slings) == pytest.approx(of_leg)
+    assert leg_limit(slings) == pytest.approx(3150.0, rel=0.04)
+    found = set_limit_at(slings, math.radians(degrees))
+    assert found == pytest.approx(of_set, rel=0.04)
+    assert leg_limit(Slings(number=number, limit=3150.0)) == 3150.0
+    assert set_limit_at(Slings(number=number, limit=3150.0), 0.0) is None
+    assert leg_limit(Slings(set_limit=on_tag)) is None  # nobody entered how many legs it has

@@ -253,9 +253,12 @@ def _sling_text(details: PlanDetails) -> str:
     if known is not None:
         angle = f"{math.degrees(known):.0f}°" + (" (computed)" if slings.angle is None else "")
     number = "number of legs not entered" if slings.number is None else f"{slings.number} legs"
+    limit = f"limit of one leg {_mass(slings.limit)}"
+    if slings.set_limit is not None:
+        limit = f"limit of the set up to 45° {_mass(slings.set_limit)}"
     return (
         f"{slings.type or 'type not entered'}, {number}, angle β from the vertical {angle}, length "
-        f"{_metres(slings.length)}, limit of a leg {_mass(slings.limit)}, certificate "
+        f"{_metres(slings.length)}, {limit}, certificate "
         f"{slings.certificate or NOT_ENTERED}"
     )
 

@@ -22,6 +22,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
 )
 from cranedyn.lifts.judging.drawings.views import LiftScene, elevation_sketch, plan_sketch
 from cranedyn.lifts.judging.sequence import LiftStep, motion_steps
+from cranedyn.lifts.judging.table import place_text
 from cranedyn.lifts.planning.plan_details import People
 
 STEPS_ON_SHEET = 4
@@ -70,11 +71,15 @@ def _phases(scene: LiftScene) -> list[str]:
     phases = analysis.grounded.lift.phases
     sentences = []
     if phases["motion"] > 0.0:
-        sentences.append(f"Lift-off at position 1 takes {phases['motion']:.0f} s.")
+        stands = scene.stands.pick_up
+        place = "" if stands is None else f" from {place_text(stands.centre)} m"
+        sentences.append(f"Lift-off{place} to position 1 takes {phases['motion']:.0f} s.")
     if "set-down" in phases:
         number = scene.positions[-1].number
         takes = analysis.duration - phases["set-down"]
-        sentences.append(f"Set-down at position {number} takes {takes:.0f} s.")
+        stands = scene.stands.set_down
+        place = "" if stands is None else f" to {place_text(stands.centre)} m"
+        sentences.append(f"Set-down from position {number}{place} takes {takes:.0f} s.")
     return sentences
 
 

@@ -41,7 +41,12 @@ from cranedyn.lifts.judging.drawings.swept import (
     swept_areas,
     unit_in_plan,
 )
-from cranedyn.lifts.judging.numbered_positions import Position, numbered_positions
+from cranedyn.lifts.judging.numbered_positions import (
+    LoadsAtRest,
+    Position,
+    loads_at_rest,
+    numbered_positions,
+)
 from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
@@ -62,6 +67,9 @@ _REACH_SAMPLES = 61
 _LEAST_THICKNESS = 0.05
 """Least height at which a part of an obstacle is drawn in an elevation [m]."""
 
+_LEAST_AREA = 1e-4
+"""Area of an obstacle in the exclusion zone up to which it only touches the zone [m²]."""
+
 _UNBOUNDED_TOP = 1000.0
 """Height from which on the top of a zone is not told [m]: it is higher than any crane."""
 
@@ -80,6 +88,7 @@ class LiftScene:
         swept: What the lift sweeps in plan.
         nearest: Nearest points of what hangs and the nearest obstacle; None if there are none, or
             they are of the crane itself.
+        stands: Where the load stands before and after.
     """
 
     analysis: LiftAnalysis
@@ -87,6 +96,7 @@ class LiftScene:
     shapes: list[CraneShapes]
     swept: SweptAreas
     nearest: NearestPoints | None
+    stands: LoadsAtRest
 
     @classmethod
     def of(cls, analysis: LiftAnalysis) -> LiftScene:
@@ -94,7 +104,14 @@ class LiftScene:
         lift = analysis.certificate.lift
         positions = numbered_positions(analysis)
         shapes = [crane_shapes(lift.clearance, position.place) for position in positions]
-        return cls(analysis, positions, shapes, swept_areas(lift), _nearest_points(analysis))
+        return cls(
+            analysis,
+            positions,
+            shapes,
+            swept_areas(lift),
+            _nearest_points(analysis),
+            loads_at_rest(analysis),
+        )
 
     @cached_property
     def plan(self) -> Drawing:
@@ -132,6 +149,19 @@ class LiftScene:
             key=lambda name: float(distances[name].min()) if name in distances else math.inf,
         )
         return frozenset(zones | {*nearest[:MAX_NAMED]})
+
+    @cached_property
+    def in_exclusion_zone(self) -> tuple[str, ...]:
+        """Names of the obstacles and zones that the exclusion zone goes through in plan, at most
+        `MAX_NAMED`: people or services may be in them.
+        """
+        names = []
+        for solid in self.analysis.site.solids:
+            area = _shadow(solid, np.eye(3)[:2])
+            if area.intersection(self.swept.exclusion).area > _LEAST_AREA:
+                names.append(solid.name)
+        more = len(names) - MAX_NAMED
+        return (*names[:MAX_NAMED], f"{more} more") if more > 0 else tuple(names)
 
     def with_names(self, solids: Sequence[Sequence[Primitive]]) -> list[Primitive]:
         """Return the outlines of all obstacles, with the names of those in `named`.
@@ -427,7 +457,20 @@ def _position_notes(scene: LiftScene) -> list[str]:
             f"{position.number} {position.name}: {where}, hook +{scene.hook_height(i):.1f} m, "
             f"load's underside +{under:.1f} m"
         )
+    for load, i in zip(scene.stands, (0, len(scene.positions) - 1), strict=True):
+        if load is not None:
+            number = scene.positions[i].number
+            line = (
+                f"{load.name}, below {number}: R {scene.radius(i):.1f} m, the load stands, "
+                f"underside {_height(load.underside - ground)}"
+            )
+            lines.insert(0 if i == 0 else len(lines), line)
     return lines
+
+
+def _height(value: float) -> str:
+    """Return a height above ground to read [m]; what rounds to zero has no minus."""
+    return f"{round(value, 1) + 0.0:+.1f} m"
 
 
 def _plan_notes(scene: LiftScene) -> list[str]:
@@ -531,6 +574,40 @@ def plane_at(scene: LiftScene, index: int) -> ElevationPlane:
     return ElevationPlane(scene.analysis.site.foot, across_runway(scene.clearance))
 
 
+def standing_outlines(scene: LiftScene) -> list[np.ndarray]:
+    """Return the bodies that stand of the crane as an elevation shows them, shape (n, 2) each: of a
+    crane that turns square on, along that of their own axes which is nearest to the plane of the
+    first position. A square tower or base would look up to √2 times as wide in the plane of a jib
+    that points over its corner, and that plane is another one for each position.
+    """
+    shape = scene.shapes[0]
+    plane = plane_at(scene, 0)
+    site = scene.analysis.site
+    if shape.axis is None:
+        return [plane.flat(body) for body in shape.standing]
+    of_crane = _square_on(plane, site.crane_to_site[:2, :2])
+    of_base = of_crane
+    if site.base is not None and not site.base.turns_with_crane:
+        of_base = _square_on(plane, np.eye(2))
+    flat = [of_crane.flat(body) for body in shape.standing]
+    if site.base is not None:
+        flat[-1] = of_base.flat(shape.standing[-1])  # see `crane_shapes`
+    return flat
+
+
+def _square_on(plane: ElevationPlane, axes: np.ndarray) -> ElevationPlane:
+    """Return the plane along that of two axes in plan which is nearest to a plane.
+
+    Args:
+        plane: The plane.
+        axes: The axes as columns, unit vectors of the site, shape (2, 2).
+    """
+    along = plane.right @ axes
+    nearest = int(np.abs(along).argmax())
+    sign = 1.0 if along[nearest] >= 0.0 else -1.0
+    return ElevationPlane(plane.origin, sign * axes[:, nearest])
+
+
 def across_runway(clearance: Clearance) -> np.ndarray:
     """Return the direction in plan in which the second drive moves the load of a crane that does
     not turn, as a unit vector of the site, shape (2,).
@@ -559,6 +636,11 @@ def elevation_view(scene: LiftScene) -> Drawing:
     primitives += scene.with_names(scene.solids_in_elevation)
     primitives += _crane_in_elevation(scene)
     primitives.append(polyline("path", _flat_path(scene)))
+    for load, index in zip(scene.stands, (0, len(scene.positions) - 1), strict=True):
+        if load is not None:
+            flat = plane_at(scene, index).flat(load.corners)
+            primitives += _area("load", hull_of(flat))
+            primitives.append(Label("load", as_point(flat.mean(axis=0)), load.name))
     for i, position in enumerate(scene.positions):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
@@ -586,8 +668,8 @@ def elevation_sketch(scene: LiftScene, index: int) -> Drawing:
         primitives += outlines[:-1]  # without its name
     shape = scene.shapes[index + 1]
     plane = plane_at(scene, index + 1)
-    for bodies in (shape.standing, shape.moving):
-        primitives += _outlines("crane", [plane.flat(body) for body in bodies])
+    primitives += _outlines("crane", standing_outlines(scene))
+    primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
     for i in (index, index + 1):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
@@ -623,7 +705,8 @@ def _elevation_notes(*, turns: bool) -> list[str]:
             "All positions are turned about the slew axis into one plane. Of the obstacles those "
             "parts are drawn that jib or load pass over or come near to, as boxes from their least "
             "to their largest radius there. What stands elsewhere, or behind the crane, is on the "
-            "plan only."
+            "plan only. What stands of the crane is drawn square on; its widths are those of the "
+            "model."
         ]
     return ["All is projected along the runway, also what stands before or behind the load."]
 
@@ -684,7 +767,7 @@ def _crane_in_elevation(scene: LiftScene) -> list[Primitive]:
     last_plane = plane_at(scene, len(scene.shapes) - 1)
     drawn = _outlines("crane later", [last_plane.flat(body) for body in last.moving])
     drawn += _outlines("crane", [plane.flat(body) for body in first.moving])
-    drawn += _outlines("crane", [plane.flat(body) for body in first.standing])
+    drawn += _outlines("crane", standing_outlines(scene))
     return drawn
 
 
