@@ -162,16 +162,23 @@ class _Margins(NamedTuple):
         hanging: Of what hangs to everything from which it keeps the required distance.
         zones: Of what hangs to zones.
         structure: Of links that drives move, to everything from which they keep that distance.
-        contact: Of hook and last link to what they must not touch, see `ChainClearance._touching`;
-            infinite where it was not asked for.
-        rope: Of the rope to links of the crane, which it must not touch; infinite likewise.
+        hook: Of the hook to the link on which it hangs, see `ChainClearance._touching`; infinite
+            where it was not asked for.
+        last_link: Of that link to what stands of the crane, likewise.
+        rope: Of the rope to links of the crane, likewise.
     """
 
     hanging: float
     zones: float
     structure: float
-    contact: float
+    hook: float
+    last_link: float
     rope: float
+
+    @property
+    def contact(self) -> float:
+        """Of all to what they must not touch."""
+        return min(self.hook, self.last_link, self.rope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -521,8 +528,12 @@ class ChainClearance(Clearance):
         """
         shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
         steps = self._steps(q, q_end)
-        bounds = [self._displacement(steps), self._rope_displacement(steps)]
-        return np.stack(bounds, axis=-1).reshape(*shape[:-1], 2)
+        bounds = [
+            self._displacement(steps),
+            self._structure_bound(steps.lines, steps.change),
+            self._rope_displacement(steps),
+        ]
+        return np.stack(bounds, axis=-1).reshape(*shape[:-1], 3)
 
     def _rope_displacement(self, steps: _Steps) -> np.ndarray:
         """Return an upper bound of the change of the margin of the rope from links in steps [m],
@@ -666,30 +677,35 @@ class ChainClearance(Clearance):
         is_as_it_is = envelope == 0.0
         of_bodies = self._margins_of_bodies(q, contacts=is_as_it_is)
         hanging = min(of_bodies.hanging, of_bodies.zones) - envelope
-        return min(hanging, of_bodies.structure, of_bodies.contact, of_bodies.rope) - ROUNDING
+        return min(hanging, of_bodies.structure, of_bodies.contact) - ROUNDING
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         """See `Clearance`."""
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
-        hanging, zones, structure, contact, rope = self._margins_of_bodies(q)
-        return min(hanging, structure) - ROUNDING, min(zones, contact, rope) - ROUNDING
+        of_bodies = self._margins_of_bodies(q)
+        distance = min(of_bodies.hanging, of_bodies.structure)
+        return distance - ROUNDING, min(of_bodies.zones, of_bodies.contact) - ROUNDING
 
     def margins_by_motion(self, q: np.ndarray) -> np.ndarray:
-        """See `Clearance`. The rope has a margin of its own, from links of the crane."""
+        """See `Clearance`. The groups are what hangs, the links that drives move, which no swing
+        brings nearer to what stands, and the rope beside these links.
+        """
         of_bodies = self._margins_of_bodies(q)
-        others = min(of_bodies.hanging, of_bodies.zones, of_bodies.structure, of_bodies.contact)
+        hanging = min(of_bodies.hanging, of_bodies.zones, of_bodies.hook)
+        structure = min(of_bodies.structure, of_bodies.last_link)
         rope = of_bodies.rope
         if self._upper_rope < math.inf:
             rope = min(rope, _MAX_ROPE_MARGIN)
-        return np.array([others, rope]) - ROUNDING
+        return np.array([hanging, structure, rope]) - ROUNDING
 
     def _margins_of_bodies(self, q: np.ndarray, *, contacts: bool = True) -> _Margins:
         """Return the margins of all bodies, with or without those of `_touching`."""
         hanging = math.inf
         zones = math.inf
         structure = math.inf
-        contact = math.inf
+        hook = math.inf
+        last_link = math.inf
         rope = math.inf
         posture = self._posture(q)
         beside = (self._beside_obstacles(posture), self._beside_own_links(posture))
@@ -702,11 +718,14 @@ class ChainClearance(Clearance):
             else:
                 hanging = min(hanging, least)
         for name, field, moving in self._touching(posture) if contacts else ():
+            least = field.least(moving)
             if name == "rope":
-                rope = min(rope, field.least(moving))
+                rope = min(rope, least)
+            elif name == "hook":
+                hook = min(hook, least)
             else:
-                contact = min(contact, field.least(moving))
-        return _Margins(hanging, zones, structure, contact, rope)
+                last_link = min(last_link, least)
+        return _Margins(hanging, zones, structure, hook, last_link, rope)
 
     # --- what is compared with what ---------------------------------------------------------------
 
