@@ -90,7 +90,14 @@ FIRST = (
     "system/test_fuzz.py",
     "experiments/test_whole.py",
     "matrix/test_foreign_cranes.py",
+    "lifts/judging/test_mobile_lift.py",
+    "lifts/judging/test_other_cranes.py",
     "lifts/judging/test_judgement.py",
+    "experiments/test_site_shift.py",
+    "experiments/test_compare_own_controller.py",
+    "experiments/test_lift_chain.py",
+    "lifts/planning/test_lift_chain.py",
+    "benchmarks/test_settling_ropes.py",
     "compiled/test_horizon.py",
 )
 """Files of few tests that take half a minute of the processor or more. A worker takes whole files:

@@ -68,6 +68,14 @@ _CABLE_TOLERANCE = 1e-3
 _PLUMB_STEP = 1e-6
 """Time over which the rate of a plumb rope is taken by a difference [s]."""
 
+_MAX_ROPE_MARGIN = 0.5
+"""Margin of the rope from links of the crane beyond which it is not told apart [m]: the larger, the
+more of the rope moves near the links, see `ChainClearance.displacements`."""
+
+_MAX_LEAN = math.radians(20.0)
+"""Lean of a rope up to which its lower part is known to be below the links of the crane: four times
+the swing that a lift is usually allowed."""
+
 
 class _MovingBody(NamedTuple):
     """A shape of a link that drives move.
@@ -131,6 +139,22 @@ class _Posture(NamedTuple):
     cable: float
 
 
+class _Steps(NamedTuple):
+    """Steps from coordinates to others.
+
+    Attributes:
+        start: Coordinates from which they lead, shape (rows, n).
+        change: How much each coordinate changes, shape (rows, n).
+        lines: Axes of the drives at the start, see `ChainClearance._lines`.
+        lean: Angle of the rope from plumb at that end at which it is larger [rad], shape (rows,).
+    """
+
+    start: np.ndarray
+    change: np.ndarray
+    lines: CarrierLines | None
+    lean: np.ndarray
+
+
 class _Margins(NamedTuple):
     """Margins at a place [m].
 
@@ -138,14 +162,23 @@ class _Margins(NamedTuple):
         hanging: Of what hangs to everything from which it keeps the required distance.
         zones: Of what hangs to zones.
         structure: Of links that drives move, to everything from which they keep that distance.
-        contact: Of all to what they must not touch, see `ChainClearance._touching`; infinite where
-            it was not asked for.
+        hook: Of the hook to the link on which it hangs, see `ChainClearance._touching`; infinite
+            where it was not asked for.
+        last_link: Of that link to what stands of the crane, likewise.
+        rope: Of the rope to links of the crane, likewise.
     """
 
     hanging: float
     zones: float
     structure: float
-    contact: float
+    hook: float
+    last_link: float
+    rope: float
+
+    @property
+    def contact(self) -> float:
+        """Of all to what they must not touch."""
+        return min(self.hook, self.last_link, self.rope)
 
 
 @dataclass(frozen=True, eq=False)
@@ -444,23 +477,38 @@ class ChainClearance(Clearance):
     def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
         """See `Clearance`."""
         shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
-        rows = np.broadcast_to(q, shape).reshape(-1, shape[-1])
-        rows_end = np.broadcast_to(q_end, shape).reshape(rows.shape)
-        change = np.abs(rows_end - rows)
-        lines = self._lines(rows[:, list(self.chain.carriers)])
+        return self._displacement(self._steps(q, q_end)).reshape(shape[:-1])
+
+    def _steps(self, q: np.ndarray, q_end: np.ndarray) -> _Steps:
+        """Return the steps between coordinates, shape (..., n) each."""
+        shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
+        start = np.broadcast_to(q, shape).reshape(-1, shape[-1])
+        end = np.broadcast_to(q_end, shape).reshape(start.shape)
+        return _Steps(
+            start,
+            change=np.abs(end - start),
+            lines=self._lines(start[:, list(self.chain.carriers)]),
+            lean=np.maximum(self.tilt(start), self.tilt(end)),
+        )
+
+    def _displacement(self, steps: _Steps) -> np.ndarray:
+        """Return an upper bound of the change of `margin` in steps [m], shape (rows,)."""
+        change = steps.change
+        lines = steps.lines
         pivot_moved, turned = self._pivot_bound(lines, change)
         swung = change[:, list(self.chain.swings)].sum(axis=1)
         hoisted = change[:, self.hoist]
-        length = rows[:, self.hoist] + hoisted + self.chain.offset + self.bodies.below
+        cable = steps.start[:, self.hoist] + self.chain.offset
+        length = cable + hoisted + self.bodies.below
         # On the way from one to the other a rope leans no more than at an end and by what turns it.
         # Drives and swings turn the rope about the pivot, with all that hangs on it. A turn about
         # the vertical moves a point by its distance from the plumb line: with the rope leaning by
         # an angle, that is no more than the length times the angle, and the spread.
-        about_vertical = np.zeros(len(rows))
+        about_vertical = np.zeros(len(change))
         if self.turning is not None:
             about_vertical = change[:, self.chain.carriers[self.turning]]
         tipped = turned - about_vertical
-        lean = np.maximum(self.tilt(rows), self.tilt(rows_end)) + swung + tipped
+        lean = steps.lean + swung + tipped
         hanging = pivot_moved + hoisted + length * (tipped + swung)
         hanging += (self.bodies.spread + length * lean) * about_vertical
         largest = np.maximum(hanging, self._structure_bound(lines, change))
@@ -468,7 +516,65 @@ class ChainClearance(Clearance):
             # Against a link moves what hangs by the drives between the two, swings, and hoist.
             moved, turned = self._pivot_bound(lines, change, beyond=joint)
             largest = np.maximum(largest, moved + hoisted + length * (turned + swung))
-        return largest.reshape(shape[:-1])
+        return largest
+
+    def displacements(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """See `Clearance`.
+
+        A crane drives its rope along a girder that may be a hand's breadth beside it. The lower end
+        of the rope swings by metres, and the little that hangs as high as the girder does not. So
+        the bound of the rope is that of its part above the length `_upper_rope`, and what hangs
+        below that is farther from all links than `_MAX_ROPE_MARGIN`, however it moves.
+        """
+        shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
+        steps = self._steps(q, q_end)
+        bounds = [
+            self._displacement(steps),
+            self._structure_bound(steps.lines, steps.change),
+            self._rope_displacement(steps),
+        ]
+        return np.stack(bounds, axis=-1).reshape(*shape[:-1], 3)
+
+    def _rope_displacement(self, steps: _Steps) -> np.ndarray:
+        """Return an upper bound of the change of the margin of the rope from links in steps [m],
+        shape (rows,).
+        """
+        change = steps.change
+        swung = change[:, list(self.chain.swings)].sum(axis=1)
+        hoisted = change[:, self.hoist]
+        cable = steps.start[:, self.hoist] + self.chain.offset
+        is_upper = (steps.lean <= _MAX_LEAN) & (cable - hoisted >= self._upper_rope)
+        length = np.where(is_upper, self._upper_rope, cable + hoisted)
+        paid_out = np.where(is_upper, 0.0, hoisted)
+        largest = np.zeros(len(change))
+        for own in self._own_links:
+            if "rope" in own.touching:
+                moved, turned = self._pivot_bound(steps.lines, change, beyond=own.joint)
+                bound = moved + paid_out + length * (turned + swung)
+                largest = np.maximum(largest, bound)
+        return largest
+
+    @cached_property
+    def _upper_rope(self) -> float:
+        """Length of the rope from the pivot beyond which it is `_MAX_ROPE_MARGIN` below all links
+        that it must not touch, as long as it leans no more than `_MAX_LEAN` [m]. It is infinite
+        where a drive changes the height of the pivot or of a link: there is no such length then.
+        """
+        beside_rope = [own for own in self._own_links if "rope" in own.touching]
+        moves_up = any(self._moves_up(carrier) for carrier in self.chain.carriers)
+        if moves_up or not beside_rope:
+            return math.inf
+        q = self.crane.start.q
+        posture = self._posture(q)
+        pivot = self.chain.pivot(q[None, list(self.chain.carriers)]).point[0]
+        lowest = float(pivot[2])
+        for own in beside_rope:
+            frame = posture.frames[own.joint]
+            for shape in self.bodies.links[own.joint].shapes:
+                heights = [float(frame.transform(corner)[2]) for corner in corners_of(shape)]
+                lowest = min(lowest, *heights)
+        below_pivot = float(pivot[2]) - lowest + _MAX_ROPE_MARGIN + self.bodies.falls
+        return below_pivot / math.cos(_MAX_LEAN)
 
     @cached_property
     def _tipping(self) -> list[int]:
@@ -569,22 +675,38 @@ class ChainClearance(Clearance):
         if not np.isfinite(q).all():
             return -math.inf
         is_as_it_is = envelope == 0.0
-        hanging, zones, structure, contact = self._margins_of_bodies(q, contacts=is_as_it_is)
-        return min(hanging - envelope, zones - envelope, structure, contact) - ROUNDING
+        of_bodies = self._margins_of_bodies(q, contacts=is_as_it_is)
+        hanging = min(of_bodies.hanging, of_bodies.zones) - envelope
+        return min(hanging, of_bodies.structure, of_bodies.contact) - ROUNDING
 
     def _margins(self, q: np.ndarray) -> tuple[float, float]:
         """See `Clearance`."""
         if not np.isfinite(q).all():
             return -math.inf, -math.inf
-        hanging, zones, structure, contact = self._margins_of_bodies(q)
-        return min(hanging, structure) - ROUNDING, min(zones, contact) - ROUNDING
+        of_bodies = self._margins_of_bodies(q)
+        distance = min(of_bodies.hanging, of_bodies.structure)
+        return distance - ROUNDING, min(of_bodies.zones, of_bodies.contact) - ROUNDING
+
+    def margins_by_motion(self, q: np.ndarray) -> np.ndarray:
+        """See `Clearance`. The groups are what hangs, the links that drives move, which no swing
+        brings nearer to what stands, and the rope beside these links.
+        """
+        of_bodies = self._margins_of_bodies(q)
+        hanging = min(of_bodies.hanging, of_bodies.zones, of_bodies.hook)
+        structure = min(of_bodies.structure, of_bodies.last_link)
+        rope = of_bodies.rope
+        if self._upper_rope < math.inf:
+            rope = min(rope, _MAX_ROPE_MARGIN)
+        return np.array([hanging, structure, rope]) - ROUNDING
 
     def _margins_of_bodies(self, q: np.ndarray, *, contacts: bool = True) -> _Margins:
         """Return the margins of all bodies, with or without those of `_touching`."""
         hanging = math.inf
         zones = math.inf
         structure = math.inf
-        contact = math.inf
+        hook = math.inf
+        last_link = math.inf
+        rope = math.inf
         posture = self._posture(q)
         beside = (self._beside_obstacles(posture), self._beside_own_links(posture))
         for name, field, moving in itertools.chain(*beside):
@@ -595,9 +717,15 @@ class ChainClearance(Clearance):
                 zones = min(zones, least)
             else:
                 hanging = min(hanging, least)
-        for field, moving in self._touching(posture) if contacts else ():
-            contact = min(contact, field.least(moving))
-        return _Margins(hanging, zones, structure, contact)
+        for name, field, moving in self._touching(posture) if contacts else ():
+            least = field.least(moving)
+            if name == "rope":
+                rope = min(rope, least)
+            elif name == "hook":
+                hook = min(hook, least)
+            else:
+                last_link = min(last_link, least)
+        return _Margins(hanging, zones, structure, hook, last_link, rope)
 
     # --- what is compared with what ---------------------------------------------------------------
 
@@ -751,7 +879,7 @@ class ChainClearance(Clearance):
             if joint in self._tipped_links:
                 yield link, self._ground, body.put(posture.frames[joint])
 
-    def _touching(self, posture: _Posture) -> Iterator[tuple[Field, Placed]]:
+    def _touching(self, posture: _Posture) -> Iterator[tuple[str, Field, Placed]]:
         """Yield what must not touch, and of which no distance is required, with what it must not
         touch: the rope and links above it, the hook and the link that it hangs on, that link and
         what stands.
@@ -762,11 +890,12 @@ class ChainClearance(Clearance):
                 body = self._not_inflated[name]
                 if name == "rope":
                     body.stretch(posture.cable)
-                yield own.field, body.put(relative)
+                yield name, own.field, body.put(relative)
         if not len(self._standing_field):
             return
         for body in self._last_link:
-            yield self._standing_field, body.put(posture.frames[self.chain.carriers[1]])
+            frame = posture.frames[self.chain.carriers[1]]
+            yield "last link", self._standing_field, body.put(frame)
 
 
 def _body_of_shape(shape: DrawnShape, inflated: float) -> Body:

@@ -361,6 +361,15 @@ class Clearance(ABC):
         in [m], shape (...).
         """
 
+    def displacements(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """Return upper bounds of the change of each of `margins_by_motion` between coordinates,
+        shape (..., n) each; in [m], shape (..., groups).
+
+        These bounds hold along a sequence of coordinates, too: the margin at its end is no less
+        than that at its begin and the sum of the bounds of its steps allow.
+        """
+        return self.displacement(q, q_end)[..., None]
+
     # --- margins ----------------------------------------------------------------------------------
 
     @cached_property
@@ -403,6 +412,13 @@ class Clearance(ABC):
         lean = math.cos(self.site.swing)
         turn = math.acos((2.0 * math.sqrt(lean) + lean - 1.0) / 2.0)
         return 2.0 * math.sin(turn / 2.0)
+
+    def margins_by_motion(self, q: np.ndarray) -> np.ndarray:
+        """Return the least margin at coordinates of all joints, shape (n,), of each group of bodies
+        that has a bound of its own of how far it moves, see `displacements`; in [m], shape
+        (groups,). The least of them is a lower bound of `margin`.
+        """
+        return np.array([self.margin(q)])
 
     def swing_margin(self, drive_position: np.ndarray) -> float:
         """Return the margin at a place [m], with the envelope of the swing of what hangs."""

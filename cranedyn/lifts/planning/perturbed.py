@@ -232,7 +232,7 @@ def simulate_perturbed(
     for load in np.unique(drawn["load"]).tolist():
         cranes[load] = _crane_with_load(lift.crane, load)
     nominal = certificate.run.q[:: _periods_per_row(lift)]
-    margins = np.array([lift.clearance.margin(q) for q in nominal])
+    margins = np.array([lift.clearance.margins_by_motion(q) for q in nominal])
     workers = worker_count("threads", threads)
 
     def finished(chunk: np.ndarray, simulation: Future[_ChunkResult]) -> PerturbedBatch:
@@ -474,13 +474,14 @@ def _least_distances(
 
     Where a lift differs from the nominal one by less than the margin of that, the difference gives
     the bound. Elsewhere distances are measured in the recorded rows, less the way to the instants
-    between these, and bound those of the rows around by the way to them.
+    between these, and bound those of the rows around by the way to them. All this is done for each
+    group of `Clearance.margins_by_motion`: a rope that runs beside a girder is always near it.
 
     Args:
         clearance: Crane and site.
         nominal: Coordinates of the certified lift without perturbations in the recorded rows, shape
             (rows, n).
-        margins: Its margins in these rows [m], shape (rows,).
+        margins: Its `Clearance.margins_by_motion` in these rows [m], shape (rows, groups).
         q: Coordinates of the lifts in these rows, shape (k, rows, n).
         valid_until: Times at which their models ceased to hold [s], inf for never, shape (k,).
         row_interval: Time between two recorded rows [s].
@@ -489,17 +490,17 @@ def _least_distances(
     # this, so that no place on it is farther than half of it from the nearer end. The point itself
     # is off that line by a h²/8 at most, with its largest acceleration a and the time h between the
     # rows.
-    way = clearance.displacement(q[:, :-1, :], q[:, 1:, :])
+    way = clearance.displacements(q[:, :-1, :], q[:, 1:, :])
     bend = MAX_ACCELERATION * row_interval**2 / 8.0
     half_way = way / 2.0
-    half_way_before = np.pad(half_way, ((0, 0), (1, 0)))
-    half_way_after = np.pad(half_way, ((0, 0), (0, 1)))
+    half_way_before = np.pad(half_way, ((0, 0), (1, 0), (0, 0)))
+    half_way_after = np.pad(half_way, ((0, 0), (0, 1), (0, 0)))
     step = np.maximum(half_way_before, half_way_after) + bend
-    moved = np.pad(np.cumsum(way, axis=1), ((0, 0), (1, 0)))
+    moved = np.pad(np.cumsum(way, axis=1), ((0, 0), (1, 0), (0, 0)))
 
-    by_plan = margins - clearance.displacement(nominal, q) - step
-    held = np.isfinite(by_plan).all(axis=1) & ~np.isfinite(valid_until)
-    least_margins = np.where(held, by_plan.min(axis=1), np.nan)
+    by_plan = margins - clearance.displacements(nominal, q) - step
+    held = np.isfinite(q).all(axis=(1, 2)) & ~np.isfinite(valid_until)
+    least_margins = np.where(held, by_plan.min(axis=(1, 2)), np.nan)
     # Of most lifts the difference from the plan bounds the distance well enough.
     for i in np.flatnonzero(least_margins < 0.0):
         least_margins[i] = _least_margin(clearance, q[i], by_plan[i], moved[i], step[i])
@@ -518,16 +519,17 @@ def _least_margin(
     Args:
         clearance: Crane and site.
         q: Coordinates, shape (rows, n).
-        bounds: Lower bounds of the margin about each row [m], shape (rows,).
-        moved: Way of what hangs up to each row [m], shape (rows,).
-        step: How far what hangs is from its place in a row at most, at the instants that are nearer
-            to this row than to another [m], shape (rows,).
+        bounds: Lower bounds of the margins about each row [m], shape (rows, groups).
+        moved: Way of each group up to each row [m], shape (rows, groups).
+        step: How far each group is from its place in a row at most, at the instants that are nearer
+            to this row than to another [m], shape (rows, groups).
     """
     measured = set[int]()
     while True:
-        k = int(np.argmin(bounds))
-        if k in measured or not bounds[k] < 0.0:
-            return float(bounds[k])
-        margin = clearance.margin(q[k])
-        bounds = np.maximum(bounds, margin - np.abs(moved - moved[k]) - step)
+        lowest = bounds.min(axis=1)
+        k = int(np.argmin(lowest))
+        if k in measured or not lowest[k] < 0.0:
+            return float(lowest[k])
+        margins = clearance.margins_by_motion(q[k])
+        bounds = np.maximum(bounds, margins - np.abs(moved - moved[k]) - step)
         measured.add(k)

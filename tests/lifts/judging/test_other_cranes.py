@@ -196,7 +196,8 @@ def test_a_lift_by_an_overhead_crane_is_a_go_and_none_on_weaker_rails(hall: Path
     words = re.sub(r"data:image[^\"]*", "", page[page.index("<body>") :])
     assert re.findall(r"(?i)\bjib|\bslew|radius|tower", words) == []
     hall.write_text(page_tables()[1].replace("permitted = 120.0", "permitted = 50.0"))
-    weaker = judge(read_site(hall), requirements=required)
+    # That rails are too weak is no matter of gusts: without them nothing else fails.
+    weaker = judge(read_site(hall), requirements=Requirements(lifts=0, gusts=0))
     assert weaker.verdict is Verdict.FAILS
     assert any("a rail may bear 50 kN of a wheel" in reason for reason in weaker.reasons)
     hall.write_text(re.sub(r"\[runway\].*?(?=\[ground\])", "", page_tables()[1], flags=re.S))

@@ -555,7 +555,7 @@ def test_a_lift_that_passes_a_plate_between_two_rows_kept_is_near_to_it() -> Non
     plate = box("plate", (13.4, 0.0), (6.0, 0.02, 20.0), 0.0)
     asked = clearance_of(crane(), site(plate))
     q = np.array([[asked.q(np.array([gamma, 13.4, 20.0])) for gamma in (1.3, 1.85)]])
-    rooms = np.array([asked.margin(row) for row in q[0]])
+    rooms = np.array([asked.margins_by_motion(row) for row in q[0]])
     assert rooms.min() > 0.5
     (least,) = _least_distances(asked, q[0], rooms, q, np.array([math.inf]), 0.1)
     assert least <= 0.0
@@ -565,7 +565,7 @@ def test_a_load_that_swings_out_and_back_between_two_rows_kept_is_not_where_thes
     """Pushed for half of the time and back for the other half, it is a h²/8 off at the middle."""
     asked = clearance_of(crane(), site(WALL))
     q = asked.q(np.array([0.0, 13.4, 20.0]))[None, None].repeat(2, axis=1)
-    margins = np.full(2, 1.0)
+    margins = np.full((2, 1), 1.0)
     (least,) = _least_distances(asked, q[0], margins, q, np.array([math.inf]), 0.1)
     assert least == pytest.approx(asked.site.distance + 1.0 - 32.0 * 0.1**2 / 8.0, abs=1e-12)
 
@@ -577,7 +577,7 @@ def test_rows_beside_a_measured_one_are_bounded_by_the_way_to_them() -> None:
     steps = np.maximum(np.append(0.0, half), np.append(half, 0.0))
     bend = 32.0 * 0.1**2 / 8.0
     least = min(asked.margin(row) - step - bend for row, step in zip(q, steps, strict=True))
-    far = np.full(len(q), -9.0)
+    far = np.full((len(q), 1), -9.0)
     (bound,) = _least_distances(asked, q, far, q[None], np.array([math.inf]), 0.1)
     assert least < 0.0
     assert bound == pytest.approx(least + asked.site.distance, abs=1e-9)
