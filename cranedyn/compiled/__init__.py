@@ -9,8 +9,8 @@ Read in this order:
 * How code is made: `instructions` (arithmetic), `code` (loops and conditions), `angles` (sine and
   cosine), `machine` (from LLVM's code to machine code), `rows` (a whole function in few lines).
 * The closed loop: `memory_layout` (what it reads and writes), `step` (a physics step), `kernel`
-  (control instants and steps), `verify` (its comparison with Pinocchio), `binding` (the call from
-  Python).
+  (control instants and steps) with `team` (groups of lanes that take turns), `verify` (its
+  comparison with Pinocchio), `binding` (the call from Python).
 * Who runs it: `compiled_engine` with `blocks` and `moving_crane` (a run of `simulate`), `batch`
   with `inputs` and `loop_tables` (many cranes at once), `fleet` (many cranes, one command after the
   other), `threads` and `cuda` (GPUs), `load_filter_code` (a state estimator).

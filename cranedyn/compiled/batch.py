@@ -693,6 +693,9 @@ def run_in_threads(loop: BoundKernel, threads: int) -> None:
         loop.run_groups(range(groups))
         return
     chunk = max(1, groups // (workers * _CHUNKS_PER_THREAD))
+    # Whole teams, but never so large that a thread has nothing to do.
+    team = min(loop.team_size, groups // workers)
+    chunk = max(chunk // team, 1) * team
     interrupted = threading.Event()
 
     def run_chunk(first: int) -> None:

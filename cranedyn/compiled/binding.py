@@ -26,6 +26,7 @@ import numpy as np
 
 from cranedyn.checks import number, whole
 from cranedyn.compiled.memory_layout import ANGLE_REFRESH_STEPS, SLOTS, TABLES, size
+from cranedyn.compiled.team import TEAM, teams_of
 from cranedyn.dynamics.root_motion import ROOT_NUMBERS, SAMPLES_PER_STEP
 from cranedyn.errors import CraneError, Misshapen, OutOfRange
 
@@ -425,6 +426,7 @@ class BoundKernel:
         self._machine = code.machine
         self._run = code.machine.function("run", 1)
         self._groups = len(state)
+        self.team_size = TEAM if code.source.works_in_teams else 1
         self._lanes = options.lanes
         self._workspace = workspace
         self._arrays = dict[str, _BoundArray]()
@@ -441,6 +443,7 @@ class BoundKernel:
         # A slot has eight bytes, whatever it holds, see `memory_layout.SLOT_TYPES`.
         self._call = np.zeros(len(SLOTS), dtype=np.int64)
         self._call[SLOTS["end"]] = end
+        self._call[SLOTS["team"]] = 1
         self._call[SLOTS["period_steps"]] = self._steps
         self._call[SLOTS["substeps"]] = substeps
         self._call[SLOTS["force_interval"]] = whole("force_interval", force_interval, 1)
@@ -632,20 +635,22 @@ class BoundKernel:
         Raises:
             OutOfRange: If there is no such group.
         """
-        call = self._call.copy()
-        address = call.ctypes.data
+        calls = np.repeat(self._call[None], self.team_size, axis=0)
+        address = calls.ctypes.data
         if self._workspace is not None:
             # Threads run at the same time, and each needs a workspace of its own.
             workspace = aligned_copy(self._workspace)
-            call[SLOTS["workspace"]] = workspace.ctypes.data
-        for group in groups:
-            if not 0 <= group < self._groups:
-                raise OutOfRange("group", group, f"0 to {self._groups - 1}")
-            self._point_to(call, group)
-            for piece in self._pieces(_MAX_STEPS_PER_CALL):
+            calls[:, SLOTS["workspace"]] = workspace.ctypes.data
+        for team in teams_of(groups, self.team_size):
+            for call, group in zip(calls, team, strict=False):
+                if not 0 <= group < self._groups:
+                    raise OutOfRange("group", group, f"0 to {self._groups - 1}")
+                self._point_to(call, group)
+            calls[:, SLOTS["team"]] = len(team)
+            for piece in self._pieces(_MAX_STEPS_PER_CALL // len(team)):
                 if stopped():
                     return
-                call[_PIECE_SLOTS] = piece
+                calls[:, _PIECE_SLOTS] = piece
                 self._run(address)
 
     def _point_to(self, call: np.ndarray, group: int | np.ndarray) -> None:

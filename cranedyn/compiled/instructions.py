@@ -19,12 +19,16 @@ same for all lanes.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections import Counter
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, lru_cache, reduce
 from typing import Any
 
+import numpy as np
 from llvmlite import ir
+
+from cranedyn.dynamics.scalars import array
 
 INTEGER = ir.IntType(64)
 POINTER = ir.PointerType()
@@ -207,6 +211,16 @@ class Instructions:
         finally:
             self._flags = _FAST
 
+    @contextmanager
+    def in_order(self) -> Iterator[None]:
+        """Emit sums that LLVM does not reorder: each adds its two operands as they are."""
+        before = self._flags
+        self._flags = tuple(flag for flag in before if flag != "reassoc")
+        try:
+            yield
+        finally:
+            self._flags = before
+
     def value(self, number: Any) -> Value:
         """Return a number as a value of the code."""
         if isinstance(number, Value):
@@ -244,6 +258,37 @@ class Instructions:
         if _is_float(by, 1.0):
             return value
         return Value(self, self.builder.fdiv(value.register, self.value(by).register))
+
+    def common_factor(self, numbers: np.ndarray) -> tuple[Any, np.ndarray]:
+        """Return a product that all numbers have as a factor, and the numbers without it; 1.0 if
+        they have none. Floats among the numbers are zero.
+
+        With numbers f x and f y, the sum (f x) a + (f y) b takes a product less as f (x a + y b).
+        """
+        values = [number for number in numbers if isinstance(number, Value)]
+        common = _factors(values[0].register)[1]
+        for value in values[1:]:
+            left = Counter(_factors(value.register)[1])
+            common = list((Counter(common) & left).elements())
+        if not common:
+            return 1.0, numbers
+        rest = []
+        for number in numbers:
+            if isinstance(number, Value):
+                sign, factors = _factors(number.register)
+                left = Counter(factors)
+                left.subtract(Counter(common))
+                rest.append(self._product(left.elements()) * sign)
+            else:
+                rest.append(number)
+        return self._product(common), array(rest)
+
+    def _product(self, registers: Iterable[ir.Value]) -> Any:
+        """Return the product of results; 1.0 of none."""
+        product: Any = 1.0
+        for register in registers:
+            product = Value(self, register) * product
+        return product
 
     def call(self, intrinsic: str, *values: Any) -> Value:
         """Return the result of an intrinsic function of LLVM, such as llvm.maxnum, llvm.sqrt or
@@ -407,6 +452,19 @@ class Instructions:
         """Return the address of a double at an index, a whole number of the code or of Python."""
         offset = index if isinstance(index, ir.Value) else self.integer(index)
         return self.builder.gep(pointer, [offset], source_etype=DOUBLE)
+
+
+def _factors(register: ir.Value) -> tuple[float, list[ir.Value]]:
+    """Return the sign of a result, and the results whose product it is, which are no products."""
+    operation = getattr(register, "opname", "")
+    if operation == "fneg":
+        sign, factors = _factors(register.operands[0])
+        return -sign, factors
+    if operation != "fmul":
+        return 1.0, [register]
+    left_sign, left = _factors(register.operands[0])
+    right_sign, right = _factors(register.operands[1])
+    return left_sign * right_sign, left + right
 
 
 @cache

@@ -8,6 +8,9 @@
         the row of the log and the summary, where they are asked for
         the physics steps of the control period, except at the instant `end`
 
+Where several groups run in one call, each of these lines is run for each group before the next, and
+the steps of the groups take turns, see `cranedyn.compiled.team`.
+
 The functions of this module run once, while the code is made: their numbers are values that the
 code will compute, see `cranedyn.compiled.instructions`. What they decide by `if` depends on the
 options of the code; what depends on numbers is decided by `Code.when` or chosen lane by lane.
@@ -15,8 +18,8 @@ options of the code; what depends on numbers is decided by `Code.when` or chosen
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, replace
 from itertools import chain
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
@@ -42,6 +45,7 @@ from cranedyn.compiled.memory_layout import (
 from cranedyn.compiled.plant.plant import SI, Plant, Topology, Units, make_plant
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.compiled.step import Step, StepState
+from cranedyn.compiled.team import Team, TeamVariable
 from cranedyn.compiled.threads import ACCELERATE_THREAD, RUN_THREAD, emit_lane_loop
 from cranedyn.controllers.affine import ControllerStates, integrated_command, next_states
 from cranedyn.dynamics.contact import Contacts
@@ -175,6 +179,24 @@ class KernelSource(NamedTuple):
     def varied(self) -> int:
         """Number of crane parameters that differ between the lanes of a batch."""
         return self.constants.count(None)
+
+    @property
+    def works_in_teams(self) -> bool:
+        """Whether the groups of a call take turns, see `cranedyn.compiled.team`.
+
+        That is for code of many lanes whose numbers are constants, and whose steps are short: they
+        solve nothing by iteration and have no small steps inside.
+        """
+        options = self.options
+        return (
+            options.lanes > 1
+            and not options.threads
+            and not self.varied
+            and not options.buffers
+            and options.contacts is None
+            and options.programme is None
+            and self.topology.rope is None
+        )
 
     def plant(self, code: Code, numbers: ir.Value) -> Plant:
         """Return the crane whose varied numbers are at an address.
@@ -379,6 +401,8 @@ class _Loop:
         options: Features of the code.
         sizes: Layout of the buffers.
         call_values: What the slots of the call hold, by name, see `SLOT_TYPES`.
+        team: The groups that take turns, see `cranedyn.compiled.team`; None for code that runs one
+            group.
         dt: Physics step [s].
         period: Control period [s].
         plant: The crane in SI units.
@@ -386,6 +410,8 @@ class _Loop:
         units: These units.
         state: Variables of the state, by section.
         summary: Variables of the summary, by section; empty without one.
+        held: Variables of what acts during a control period, in the units of the steps: "command",
+            but for drives with converters, and "force", where external forces act.
         angles: Variables of sine and cosine of each revolute joint, by its index; empty for
             threads, which have few registers and compute them where they are needed.
         rounded_off: In single precision, variables of what rounding has added to each coordinate,
@@ -402,34 +428,54 @@ class _Loop:
         self.call_values = {}
         for name, slot in SLOTS.items():
             self.call_values[name] = code.load_one(call, slot, SLOT_TYPES[name])
+        self.team = Team(code, call) if source.works_in_teams else None
         self.dt = code.from_double(self.call_values["dt"])
         self.period = code.from_double(self.call_values["period"])
         self.plant = source.plant(code, self.call_values["numbers"])
         self.stepping_plant, self.units = source.in_steps(self.plant, self.dt)
-        self.state = self._variables("state", self.sizes.state)
+        self.state = self._variables(self.sizes.state)
         self.summary: dict[str, list[StackVariable]] = {}
         if self.options.summary:
-            self.summary = self._variables("summary", self.sizes.summary)
+            self.summary = self._variables(self.sizes.summary)
+        self.held = self._variables({"command": self.sizes.m})
+        if self.options.forces:
+            self.held |= self._variables({"force": size(self.sizes.force)})
 
         self.angles: dict[int, list[StackVariable]] = {}
         for i, joint in enumerate(source.topology.layout.joints):
             if joint.kind == "revolute" and not self.options.threads:
-                self.angles[i] = code.variables([0.0, 0.0])
+                self.angles[i] = [self._variable(), self._variable()]
         self.loaded_angles: dict[int, list[Value]] = {i: [] for i in self.angles}
         self.rounded_off: list[StackVariable] = []
         if self.options.single:
-            self.rounded_off = code.variables([0.0] * self.sizes.n)
+            self.rounded_off = [self._variable() for _ in range(self.sizes.n)]
 
     # --- variables and tables ---------------------------------------------------------------------
 
-    def _variables(self, name: str, sections: Sections) -> dict[str, list[StackVariable]]:
-        """Return variables, by section, that begin with the numbers of a buffer."""
-        code = self.code
-        address = self.call_values[name]
-        variables = [
-            StackVariable(code, code.load(address, i * code.stride)) for i in range(size(sections))
-        ]
-        return {key: variables[section] for key, section in slices(sections).items()}
+    @contextmanager
+    def _each_group(self) -> Iterator[None]:
+        """Emit statements for each group of the team; without a team, for the only group."""
+        if self.team is None:
+            yield
+            return
+        with self.team.each_group():
+            self.call_values |= self.team.pointers()
+            yield
+
+    def _variable(self) -> StackVariable:
+        """Return a variable, which each group has for itself."""
+        if self.team is None:
+            return StackVariable(self.code, 0.0)
+        return TeamVariable(self.code, self.team)
+
+    def _variables(self, sections: Sections) -> dict[str, list[StackVariable]]:
+        """Return variables for the numbers of some sections."""
+        return {name: [self._variable() for _ in range(n)] for name, n in sections.items()}
+
+    def _load_variables(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
+        """Assign the numbers of a buffer to its variables, by section."""
+        for i, variable in enumerate(chain.from_iterable(variables.values())):
+            variable.set(self.code.load(self.call_values[name], i * self.code.stride))
 
     def _store_variables(self, name: str, variables: dict[str, list[StackVariable]]) -> None:
         """Store variables, by section, in their buffer."""
@@ -515,25 +561,49 @@ class _Loop:
     def emit(self) -> None:
         """Emit the whole function."""
         code = self.code
-        self._compute_angles(self.angles)
         call = self.call_values
         compare = code.builder.icmp_signed
+        with self._each_group():
+            self._load_variables("state", self.state)
+            self._load_variables("summary", self.summary)
+            for variable in self.rounded_off:
+                variable.set(0.0)
+            self._compute_angles(self.angles)
         with code.loop(call["first"], call["last"]) as instant:
-            forces = self._forces(instant)
             is_first = compare("==", instant, call["first"])
             is_resumed = compare("!=", call["resumed"], code.integer(0))
             # A call may continue a control period whose control another call has run.
             has_control_run = code.both(is_first, is_resumed)
-            with code.when(code.builder.not_(has_control_run)):
-                self._emit_control(instant, forces)
+            with self._each_group():
+                forces = self._forces(instant)
+                with code.when(code.builder.not_(has_control_run)):
+                    self._emit_control(instant, forces)
+                self._hold(forces)
             with code.when(compare("<", instant, call["end"])):
-                self._emit_control_period(instant, forces)
-        self._store_variables("state", self.state)
-        if self.options.summary:
+                self._emit_control_period(instant)
+        with self._each_group():
+            self._store_variables("state", self.state)
             self._store_variables("summary", self.summary)
         code.end()
 
-    def _emit_control_period(self, instant: ir.Value, forces: np.ndarray | None) -> None:
+    def _hold(self, forces: np.ndarray | None) -> None:
+        """Keep what acts during the coming control period, in the units of the steps.
+
+        Args:
+            forces: External forces [N], shape (3 points,); None without.
+        """
+        held = {"command": self._get("last_command") * self.units.command}
+        if forces is not None:
+            held["force"] = forces * self.units.force
+        for name, values in held.items():
+            for variable, value in zip(self.held[name], values, strict=True):
+                variable.set(value)
+
+    def _held(self, name: str) -> np.ndarray:
+        """Return what `_hold` has kept, by name."""
+        return array([variable.get() for variable in self.held[name]])
+
+    def _emit_control_period(self, instant: ir.Value) -> None:
         """Emit the steps of the control period that begins at an instant.
 
         Sines and cosines are updated step by step, each time with a rounding error. They are
@@ -544,40 +614,60 @@ class _Loop:
         steps = self.call_values["steps"]
         if self.options.threads:
             # Threads keep no sines and cosines, and step in SI units.
-            self._emit_steps(instant, code.integer(0), steps, forces)
+            self._emit_steps(instant, code.integer(0), steps)
             return
         together = self.options.angle_refresh_steps
         pieces = code.builder.sdiv(code.plus(steps, together - 1), code.integer(together))
         with code.loop(0, pieces) as piece:
             first = code.product(piece, together)
             last = code.least(code.plus(first, together), steps)
-            self._set("v", self._get("v") * self.units.time)
-            self._emit_steps(instant, first, last, forces)
-            self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
-            self._compute_angles(self._used_angles())
+            with self._each_group():
+                self._set("v", self._get("v") * self.units.time)
+            self._emit_steps(instant, first, last)
+            joints = self._used_angles()
+            with self._each_group():
+                self._set("v", [code.quotient(rate, self.units.time) for rate in self._get("v")])
+                self._compute_angles(joints)
 
-    def _emit_steps(
-        self, instant: ir.Value, first: ir.Value, last: ir.Value, forces: np.ndarray | None
-    ) -> None:
+    @contextmanager
+    def _each_step(
+        self, first: ir.Value, last: ir.Value
+    ) -> Iterator[tuple[ir.Value, Callable[[ir.Value], None]]]:
+        """Emit statements for each step, and in a step for each group of the team, see
+        `Code.fast_loop`.
+        """
+        team = self.team
+        if team is None:
+            with self.code.fast_loop(first, last) as (number, end):
+                yield number, end
+            return
+        build = self.code.builder
+        turns = build.mul(first, team.count), build.mul(last, team.count)
+        with self.code.fast_loop(*turns) as (turn, end):
+            number = team.take_turns(turn)
+            self.call_values |= team.pointers()
+            yield number, end
+
+    def _emit_steps(self, instant: ir.Value, first: ir.Value, last: ir.Value) -> None:
         """Emit steps from the first to the one before the last, counted from a control instant."""
-        code = self.code
         units = self.units
-        with code.fast_loop(first, last) as (number, end):
+        with self._each_step(first, last) as (number, end):
             q_before = self._coordinates()
             works = self._get("contact_and_impact_work")
             v = self._get("v")
-            followed = self._get("last_command")
+            command = self._held("command")
             if self.options.delay_steps is not None:
                 # The ramps of the converters move on with each step.
+                followed = self._get("last_command")
                 reference, slope = self._next_reference(followed, v * (1.0 / units.time))
                 self._set("reference", reference)
                 self._set("reference_slope", slope)
-                followed = array(reference)
+                command = array(reference) * units.command
             step = Step(
                 integrator=self.options.integrator,
                 plant=self.stepping_plant,
-                command=followed * units.command,
-                forces=None if forces is None else forces * units.force,
+                command=command,
+                forces=self._held("force") if self.options.forces else None,
                 dt=self.dt / units.time,
                 unit=units.work,
                 substeps=self.call_values["substeps"],

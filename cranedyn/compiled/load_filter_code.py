@@ -14,6 +14,7 @@ import numpy as np
 from cranedyn.compiled.binding import RowFunction
 from cranedyn.compiled.horizon.dual import constants, slopes, variables
 from cranedyn.compiled.plant import rigid_body
+from cranedyn.compiled.plant.forward_dynamics import tree_forward_dynamics
 from cranedyn.compiled.plant.plant import Topology, plant_numbers
 from cranedyn.compiled.rows import compile_rows
 from cranedyn.dynamics.bodies import Bodies, bodies_of_crane
@@ -162,7 +163,7 @@ class _TracedFilter(LoadFilter):
     def _acceleration(self, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> np.ndarray:
         """Return the accelerations that generalized forces `tau` cause, shape (n,)."""
         frames = rigid_body.frames(self._tree, q)
-        return rigid_body.tree_forward_dynamics(self._tree, frames, v, tau)
+        return tree_forward_dynamics(self._tree, frames, v, tau)
 
     def _linearised(self, state: State, effort: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Return the derivatives of the accelerations by the state and by the estimate of the load.

@@ -1,7 +1,7 @@
 """Machine code: LLVM optimises and translates modules in this process, without a C compiler.
 
-`translate` makes functions that this process can call. `object_code` and `assembly` translate for
-other platforms.
+`translate` makes functions that this process can call, and `native_assembly` shows them.
+`object_code` and `assembly` translate for other platforms.
 """
 
 from __future__ import annotations
@@ -65,13 +65,25 @@ def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     """
     # The global context would keep every constant for ever.
     context = binding.create_context()
-    target = _target(3 if inlining else 2)
     context._owned = True
-    code = binding.parse_assembly(str(module), context)
-    _optimise(code, target, speed_level=1, inlining=inlining)
+    code, target = _optimised(module, context, inlining=inlining)
     engine = binding.create_mcjit_compiler(code, target)
     engine.finalize_object()
     return Machine(engine, context)
+
+
+def native_assembly(module: ir.Module) -> str:
+    """Return what `translate` makes of a module of many lanes, in assembly language."""
+    code, target = _optimised(module, binding.create_context(), inlining=True)
+    return target.emit_assembly(code)
+
+
+def _optimised(module: ir.Module, context: Any, *, inlining: bool) -> tuple[Any, Any]:
+    """Return a module as optimised code for this processor, and the processor's target machine."""
+    target = _target(3 if inlining else 2)
+    code = binding.parse_assembly(str(module), context)
+    _optimise(code, target, speed_level=1, inlining=inlining)
+    return code, target
 
 
 def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:

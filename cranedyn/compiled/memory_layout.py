@@ -275,6 +275,7 @@ SLOT_TYPES = {
     "period_steps": INTEGER,  # physics steps of a whole control period
     "done": INTEGER,  # physics steps of the first control period that earlier calls have taken
     "resumed": INTEGER,  # 1 if the control of the first instant has already run, else 0
+    "team": INTEGER,  # number of groups whose calls begin here, see `cranedyn.compiled.team`
     # Times.
     "dt": DOUBLE,  # physics step [s]
     "period": DOUBLE,  # control period [s]

@@ -291,8 +291,18 @@ class Step:
         return q_after[:-1], v_after[:-1]
 
     def _add_acceleration(self, v: np.ndarray, a: np.ndarray) -> np.ndarray:
-        """Return rates after the step under accelerations."""
-        return v + a * self.dt
+        """Return rates after the step under accelerations.
+
+        All terms of an acceleration are summed up before they meet the rate. Added to it one by one
+        the small ones would be lost: in single precision the damping of a swing is less than a
+        rounding error of its rate.
+        """
+        increments = a * self.dt
+        values = [number for number in (*v, *increments) if isinstance(number, Value)]
+        if not values:
+            return v + increments
+        with values[0].code.in_order():
+            return v + increments
 
     def _add_rate(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return coordinates after the step at rates."""

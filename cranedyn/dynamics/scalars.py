@@ -147,6 +147,17 @@ def cross_product(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     return array([a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]])
 
 
+def common_factor(numbers: np.ndarray) -> tuple[Any, np.ndarray]:
+    """Return a factor of all numbers that are not known to be zero, and the numbers without it.
+
+    Values of a program know the product that they are. Other numbers have the factor 1.
+    """
+    present = [number for number in numbers if not is_zero(number)]
+    if len(present) > 1 and all(hasattr(number, "choices") for number in present):
+        return present[0].choices.common_factor(numbers)
+    return 1.0, numbers
+
+
 def solve_linear(mass: np.ndarray, right: np.ndarray) -> np.ndarray:
     """Solve mass @ x = right for a symmetric positive definite matrix.
 

@@ -21,6 +21,7 @@ from llvmlite import ir
 from cranedyn.compiled import webassembly
 from cranedyn.compiled.code import Code, Value
 from cranedyn.compiled.machine import Machine, assembly, translate
+from cranedyn.dynamics.scalars import array, common_factor
 
 LANES = 8
 
@@ -198,3 +199,25 @@ def test_a_module_that_was_translated_for_another_platform_remains_one_of_this_p
     before = str(module)
     assert assembly(module, webassembly.TRIPLE, "")
     assert str(module) == before
+
+
+def test_numbers_know_the_factor_that_they_share() -> None:
+    def divided(code: Code, x: Value) -> list:
+        y = x + 1.0
+        z = x + 2.0
+        factor, rest = common_factor(array([x * y, 0.0, -(x * z)]))
+        assert rest[1] == 0.0
+        return [factor, rest[0], rest[2]]
+
+    x = np.array([0.5, 3.0])
+    assert np.array_equal(_run(divided, x, 3), [x, x + 1.0, -(x + 2.0)])
+
+
+def test_numbers_without_a_factor_in_common_are_as_they_were() -> None:
+    code = Code(ir.Module(), "run", ["given"], 1)
+    x = code.load(code.argument["given"])
+    y = x + 1.0
+    for numbers in (array([x * x, y]), array([x * y]), array([0.0, 0.0]), array([2.0, 4.0])):
+        factor, rest = common_factor(numbers)
+        assert factor == 1.0
+        assert rest is numbers

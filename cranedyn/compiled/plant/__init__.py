@@ -5,7 +5,8 @@ identification need the same physics in other kinds of numbers.
 
 Begin with `rigid_body.tree_inverse_dynamics`, then `plant.Plant`. The modules:
 
-* `rigid_body`: Newton-Euler, composite bodies and factorisation for a tree of bodies.
+* `rigid_body`: Newton-Euler and composite bodies for a tree of bodies.
+* `forward_dynamics`: accelerations of a tree, in fewer products where a load hangs on a rope.
 * `plant`: a crane with joint forces, drives, external forces and buffers, `Plant`. A `Topology` is
   what cranes have in common, and `plant_numbers` is what tells them apart.
 * `cranes`: thousands of cranes for a batch, from a few that are loaded, `load_cranes`.

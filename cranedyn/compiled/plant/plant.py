@@ -18,6 +18,7 @@ import pinocchio as pin
 
 from cranedyn.checks import read_only
 from cranedyn.compiled.plant import rigid_body
+from cranedyn.compiled.plant.forward_dynamics import tree_forward_dynamics
 from cranedyn.compiled.plant.rigid_body import ExternalForce
 from cranedyn.disturbances.wind import drag_force
 from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_crane, bodies_of_model, height
@@ -231,7 +232,7 @@ class Plant:
         if self.drive == "effort" and coupling is None and not rope_is_constraint:
             # All joints are free: the equation of motion is solved as a whole.
             effort[drives] = effort[drives] + command
-            a = rigid_body.tree_forward_dynamics(self.tree, frames, v, effort, external, root)
+            a = tree_forward_dynamics(self.tree, frames, v, effort, external, root)
             return DynamicsResult(a, command, command, pull)
         resisting = rigid_body.tree_inverse_dynamics(
             self.tree, frames, v, external_forces=external, root=root

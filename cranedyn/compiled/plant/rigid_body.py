@@ -19,21 +19,26 @@ bodies), §6.5 (factorisation).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from cranedyn.dynamics.bodies import Bodies
 from cranedyn.dynamics.root_motion import RootMotion
-from cranedyn.dynamics.scalars import array, cross_product, is_zero, solve_linear
+from cranedyn.dynamics.scalars import array, cross_product, is_zero
 
 _AGREEMENT = 1e-11
 """Relative difference of accelerations that is round-off whatever the mass matrix."""
 
 _ROUNDINGS = 1e3
 """Number of roundings that is expected for each unit of the condition number of a mass matrix."""
+
+
+NO_HINGES: Mapping[int, Any] = MappingProxyType({})
+"""No joint is taken as a hinge."""
 
 
 def regrouped(tree: Bodies) -> Bodies:
@@ -201,7 +206,6 @@ def tree_inverse_dynamics(
     v: np.ndarray,
     a: np.ndarray | None = None,
     external_forces: Sequence[ExternalForce] = (),
-    pulled: tuple[int, Any] | None = None,
     root: RootMotion | None = None,
 ) -> np.ndarray:
     """Return the generalized forces that cause accelerations, given gravity and external forces, as
@@ -213,12 +217,9 @@ def tree_inverse_dynamics(
         v: Rates of the coordinates, shape (n,).
         a: Their accelerations, shape (n,); None for zero.
         external_forces: Forces from outside, in the axes of the frame in which the tree stands.
-        pulled: A body that slides along an axis of its frame, and the effort that acts on it there.
-            The other bodies feel this effort along the axis instead of the inertial force of the
-            body, whatever its acceleration, see `tree_forward_dynamics`. None for no such body.
         root: Motion of the frame in which the tree stands; None for one at rest.
     """
-    return _newton_euler(tree, poses, v, a, external_forces, pulled, root).efforts
+    return newton_euler(tree, poses, v, a, external_forces, root).efforts
 
 
 def transmitted(
@@ -231,25 +232,30 @@ def transmitted(
     """Return the force and the torque about its origin that each joint transmits to its body, in
     the frame of the joint, shape (3,) each. The arguments are those of `tree_inverse_dynamics`.
     """
-    loads = _newton_euler(tree, poses, v, a, external_forces)
+    loads = newton_euler(tree, poses, v, a, external_forces)
     return list(zip(loads.forces, loads.torques, strict=True))
 
 
-class _JointLoads(NamedTuple):
+class JointLoads(NamedTuple):
     """What the joints carry.
 
     Attributes:
         efforts: Generalized forces, shape (n,).
         forces: Forces on the bodies through their joints, in the frames of these, shape (3,) each.
         torques: Torques likewise, about the origins of the frames.
+        motions: Motions of the bodies.
+        drifts: Angular acceleration of the body of each hinge about its axis that is left out of
+            its motion [rad/s²], by joint.
     """
 
     efforts: np.ndarray
     forces: list[np.ndarray]
     torques: list[np.ndarray]
+    motions: list[BodyMotion]
+    drifts: dict[int, Any]
 
 
-class _BodyMotion(NamedTuple):
+class BodyMotion(NamedTuple):
     """Motion of a body, in the frame of its joint.
 
     Attributes:
@@ -263,31 +269,51 @@ class _BodyMotion(NamedTuple):
     acceleration: np.ndarray
 
 
-def _newton_euler(
+def newton_euler(
     tree: Bodies,
     poses: Sequence[Frame],
     v: np.ndarray,
     a: np.ndarray | None,
     external_forces: Sequence[ExternalForce],
-    pulled: tuple[int, Any] | None = None,
     root: RootMotion | None = None,
-) -> _JointLoads:
+    hinges: Mapping[int, Any] = NO_HINGES,
+) -> JointLoads:
     """Return what the joints carry, by the recursive Newton-Euler algorithm: motions from the base
-    to the tips, then forces from the tips to the base. Arguments are those of
-    `tree_inverse_dynamics`.
+    to the tips, then forces from the tips to the base.
+
+    Args:
+        tree: The bodies.
+        poses: Their frames.
+        v: Rates of the coordinates, shape (n,).
+        a: Their accelerations, shape (n,); None for zero.
+        external_forces: Forces from outside.
+        root: Motion of the frame in which the tree stands; None for one at rest.
+        hinges: Efforts of hinges, by joint, see `cranedyn.compiled.plant.forward_dynamics`: a body
+            does not turn about the axis of its hinge against the world, apart from its rate, and
+            the hinge transmits its effort alone about that axis.
     """
     zero = array([0.0] * 3)
     # The base accelerates against gravity, which puts the weight into the inertial forces.
-    base = _BodyMotion(zero, zero, -tree.gravity)
+    base = BodyMotion(zero, zero, -tree.gravity)
     if root is not None:
-        base = _BodyMotion(root.omega, root.alpha, root.acceleration)
-    motions: list[_BodyMotion] = []
+        base = BodyMotion(root.omega, root.alpha, root.acceleration)
+    motions: list[BodyMotion] = []
+    drifts: dict[int, Any] = {}
+    torques_on_parents: dict[int, np.ndarray] = {}
     forces = []
     torques = []
     for i, frame in enumerate(poses):
         parent_motion = motions[tree.parents[i]] if tree.parents[i] >= 0 else base
         motion = _body_motion(tree, i, frame, parent_motion, v, a)
-        force, torque = _inertial_load(tree, i, motion)
+        if i in hinges:
+            drifts[i] = tree.axis[i, 1] @ motion.alpha
+            motion = motion._replace(alpha=across_axis(tree, i, motion.alpha))
+        if i in hinges and _is_round(tree, i):
+            torques_on_parents[i] = _round_torque(tree, i, parent_motion, v)
+            force = zero
+            torque = zero
+        else:
+            force, torque = _inertial_load(tree, i, motion)
         motions.append(motion)
         forces.append(force)
         torques.append(torque)
@@ -301,29 +327,62 @@ def _newton_euler(
     for i in range(n - 1, -1, -1):
         along, about = tree.axis[i]
         efforts[i] = efforts[i] + along @ forces[i] + about @ torques[i]
-        if pulled is not None and i == pulled[0]:
-            components = []
-            for component, inertial in zip(along, forces[i], strict=True):
-                components.append(inertial if is_zero(component) else component * pulled[1])
-            felt = array(components)
-            torques[i] = torques[i] + cross_product(tree.lever[i], felt - forces[i])
-            forces[i] = felt
+        if i in hinges:
+            torques[i] = across_axis(tree, i, torques[i]) + about * array([hinges[i]])
         parent = tree.parents[i]
         if parent >= 0:
             force_on_parent, torque_on_parent = _to_parent(poses[i], forces[i], torques[i])
             forces[parent] = forces[parent] + force_on_parent
             torques[parent] = torques[parent] + torque_on_parent
-    return _JointLoads(efforts, forces, torques)
+            if i in torques_on_parents:
+                torques[parent] = torques[parent] + torques_on_parents[i]
+    return JointLoads(efforts, forces, torques, motions, drifts)
+
+
+def across_axis(tree: Bodies, i: int, vector: np.ndarray) -> np.ndarray:
+    """Return a vector in the frame of a joint without its component along the axis of the joint,
+    which is an axis of the frame.
+    """
+    components = []
+    for along_axis, component in zip(tree.axis[i, 1], vector, strict=True):
+        components.append(component if is_zero(along_axis) else 0.0)
+    return array(components)
+
+
+def _is_round(tree: Bodies, i: int) -> bool:
+    """Return whether a body has no mass, and the same moment of inertia about every axis."""
+    unequal = tree.inertia[i] - _unit_matrix_times(tree.inertia[i], 0)
+    return is_zero(tree.mass[i]) and all(is_zero(number) for number in unequal.ravel())
+
+
+def _round_torque(tree: Bodies, i: int, parent: BodyMotion, v: np.ndarray) -> np.ndarray:
+    """Return the torque that gives a round body on a hinge its motion, in the frame of its parent,
+    without its component along the axis of the hinge, shape (3,).
+
+    The torque I α on a round body has the direction of its angular acceleration in every frame. In
+    that of the parent, α = αp + ωp × u q̇ is there without being turned, and neither need the torque
+    be turned back.
+
+    Args:
+        tree: The bodies.
+        i: The body.
+        parent: Motion of its parent.
+        v: Rates of the coordinates, shape (n,).
+    """
+    axis = tree.rotation[i] @ tree.axis[i, 1]
+    alpha = parent.alpha + cross_product(parent.omega, axis * v[i : i + 1])
+    alpha = alpha - axis * array([axis @ alpha])
+    return tree.inertia[i, 0, :1] * alpha
 
 
 def _body_motion(
     tree: Bodies,
     i: int,
     frame: Frame,
-    parent: _BodyMotion,
+    parent: BodyMotion,
     v: np.ndarray,
     a: np.ndarray | None,
-) -> _BodyMotion:
+) -> BodyMotion:
     """Return the motion of body i from that of its parent.
 
     With the latter marked by a p, and s q̇ in the bracket turned into the frame of the parent,
@@ -336,7 +395,7 @@ def _body_motion(
     rate = v[i : i + 1]
     rotation = frame.rotation
     twice_slide = 2.0 * (tree.rotation[i] @ (along * rate))
-    at_origin = _relative_acceleration(parent.omega, parent.alpha, frame.origin, twice_slide)
+    at_origin = relative_acceleration(parent.omega, parent.alpha, frame.origin, twice_slide)
     acceleration = rotation.T @ (parent.acceleration + at_origin)
     omega = rotation.T @ parent.omega
     alpha = rotation.T @ parent.alpha
@@ -345,10 +404,10 @@ def _body_motion(
     if a is not None:
         acceleration = acceleration + along * a[i : i + 1]
         alpha = alpha + about * a[i : i + 1]
-    return _BodyMotion(omega, alpha, acceleration)
+    return BodyMotion(omega, alpha, acceleration)
 
 
-def _inertial_load(tree: Bodies, i: int, motion: _BodyMotion) -> tuple[np.ndarray, np.ndarray]:
+def _inertial_load(tree: Bodies, i: int, motion: BodyMotion) -> tuple[np.ndarray, np.ndarray]:
     """Return the force and the torque about the origin of its joint that give a body its motion.
 
     With the mass m, the centre of mass c and the inertia I about it,
@@ -360,7 +419,7 @@ def _inertial_load(tree: Bodies, i: int, motion: _BodyMotion) -> tuple[np.ndarra
     lever = tree.lever[i]
     omega = motion.omega
     alpha = motion.alpha
-    at_centre = motion.acceleration + _relative_acceleration(omega, alpha, lever)
+    at_centre = motion.acceleration + relative_acceleration(omega, alpha, lever)
     force = tree.mass[i : i + 1] * at_centre
     # A multiple of the unit matrix adds nothing to ω × I ω. Less one moment, the inertia of a round
     # body is mostly zeros.
@@ -369,8 +428,15 @@ def _inertial_load(tree: Bodies, i: int, motion: _BodyMotion) -> tuple[np.ndarra
     return force, torque
 
 
-def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:
-    """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n)."""
+def mass_matrix(tree: Bodies, poses: Sequence[Frame], hinges: Collection[int] = ()) -> np.ndarray:
+    """Return the mass matrix, as `pin.crba`, both triangles, shape (n, n).
+
+    Args:
+        tree: The bodies.
+        poses: Their frames.
+        hinges: Joints whose accelerations are those of their bodies against the world, about their
+            axes, see `cranedyn.compiled.plant.forward_dynamics`.
+    """
     n = len(tree)
     # Body i with all bodies that it carries, as one rigid body.
     composites = []
@@ -383,96 +449,39 @@ def mass_matrix(tree: Bodies, poses: Sequence[Frame]) -> np.ndarray:
     for i in range(n - 1, -1, -1):
         # The force and torque for a unit acceleration of joint i act on the joints below it, too.
         along, about = tree.axis[i]
-        row = _generalized_force(tree, poses, i, *composites[i].times(along, about))
+        force, torque = composites[i].times(along, about)
+        row = generalized_force(tree, poses, i, force, torque, hinges)
         row[i] = row[i] + tree.armature[i]
         mass[i, : i + 1] = row[: i + 1]
         mass[: i + 1, i] = row[: i + 1]
+        equal_axis = 0
+        if i in hinges:
+            composites[i] = composites[i].without_turning(about)
+            # There is no inertia left about the axis of the hinge; the other two are often equal.
+            equal_axis = int(np.argmin(np.abs(about.astype(float))))
         parent = tree.parents[i]
         if parent >= 0:
-            composites[parent] = composites[parent].plus(composites[i].seen_from_parent(poses[i]))
+            seen = composites[i].seen_from_parent(poses[i], equal_axis)
+            composites[parent] = composites[parent].plus(seen)
     return mass
 
 
-def tree_forward_dynamics(
+def generalized_force(
     tree: Bodies,
     poses: Sequence[Frame],
-    v: np.ndarray,
-    effort: np.ndarray,
-    external_forces: Sequence[ExternalForce] = (),
-    root: RootMotion | None = None,
-) -> np.ndarray:
-    """Return the accelerations that generalized forces cause, as `pin.aba` does.
-
-    A load that hangs on nothing but its rope, see `_is_sliding_point`, is taken out of the system
-    of equations. With its mass m, the acceleration J a + s̈ along the rope that the other
-    coordinates a and the length s of the rope give it, and the effort T of the rope, its own
-    equation is m (J a + s̈) + r = T, where r is what its motion without accelerations needs. The
-    others feel the load along the rope by T alone, and across the rope by its mass:
-
-        (M' + m Σ Jcᵀ Jc) a = τ - b',     s̈ = (T - r)/m - J a,
-
-    where M' is the mass matrix without the load, Jc belongs to the two directions c across the
-    rope, and b' is the bias with T in place of the inertial force along the rope. So there is one
-    unknown less to solve, and the large masses m, which cancel along the rope, do not occur.
-
-    Args:
-        tree: The bodies.
-        poses: Their frames.
-        v: Rates of the coordinates, shape (n,).
-        effort: Generalized forces, damping and springs among them, shape (n,).
-        external_forces: Forces from outside.
-        root: Motion of the frame in which the tree stands; None for one at rest.
-    """
-    last = len(tree) - 1
-    if not _is_sliding_point(tree, last):
-        resisting = tree_inverse_dynamics(
-            tree, poses, v, external_forces=external_forces, root=root
-        )
-        return solve_linear(mass_matrix(tree, poses), effort - resisting)
-    resisting = tree_inverse_dynamics(
-        tree, poses, v, external_forces=external_forces, pulled=(last, effort[last]), root=root
-    )
-    masses = tree.mass.copy()
-    masses[last] = 0.0
-    mass = mass_matrix(replace(tree, mass=masses), poses)[:last, :last]
-    along_rope = array([0.0] * last)
-    for axis, component in zip(np.eye(3), tree.axis[last, 0], strict=True):
-        # The generalized force of a unit force on the point is also the velocity of the point along
-        # that force per rate of each coordinate: a row of the Jacobian.
-        unit = array(axis.tolist())
-        torque = cross_product(tree.lever[last], unit)
-        jacobian = _generalized_force(tree, poses, last, unit, torque)[:last]
-        if is_zero(component):
-            mass = mass + np.multiply.outer(jacobian, jacobian) * tree.mass[last]
-        else:
-            along_rope = component * jacobian
-    unbalanced = effort - resisting
-    a = solve_linear(mass, unbalanced[:last])
-    return array([*a, unbalanced[last] / tree.mass[last] - along_rope @ a])
-
-
-def _is_sliding_point(tree: Bodies, i: int) -> bool:
-    """Return whether a body has nothing but mass, and slides along an axis of its frame."""
-    along, about = tree.axis[i]
-    must_be_zero = np.concatenate([about, tree.inertia[i].ravel(), tree.armature[[i]]])
-    return (
-        tree.parents[i] >= 0
-        and all(is_zero(number) for number in must_be_zero)
-        and all(isinstance(component, float) for component in along)
-        and sorted(abs(component) for component in along) == [0.0, 0.0, 1.0]
-        and not is_zero(tree.mass[i])
-    )
-
-
-def _generalized_force(
-    tree: Bodies, poses: Sequence[Frame], body: int, force: np.ndarray, torque: np.ndarray
+    body: int,
+    force: np.ndarray,
+    torque: np.ndarray,
+    hinges: Collection[int] = (),
 ) -> np.ndarray:
     """Return the generalized force, shape (n,), of a force and a torque on a body, which are in the
-    frame of its joint.
+    frame of its joint. Hinges do not transmit torques about their axes, see `mass_matrix`.
     """
     effort = array([0.0] * len(tree))
     effort[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
     while (parent := tree.parents[body]) >= 0:
+        if body in hinges:
+            torque = across_axis(tree, body, torque)
         force, torque = _to_parent(poses[body], force, torque)
         body = parent
         effort[body] = tree.axis[body, 0] @ force + tree.axis[body, 1] @ torque
@@ -488,7 +497,7 @@ def angular_velocity(tree: Bodies, poses: Sequence[Frame], body: int, v: np.ndar
     no_force = array([0.0] * 3)
     components = []
     for axis in np.eye(3).tolist():
-        jacobian = _generalized_force(tree, poses, body, no_force, array(axis))
+        jacobian = generalized_force(tree, poses, body, no_force, array(axis))
         components.append(jacobian @ v)
     return array(components)
 
@@ -547,7 +556,7 @@ def into(tree: Bodies, poses: Sequence[Frame], body: int, vector: np.ndarray) ->
     return vector
 
 
-def _relative_acceleration(
+def relative_acceleration(
     omega: np.ndarray,
     alpha: np.ndarray,
     point: np.ndarray,
@@ -597,17 +606,33 @@ class _RigidBody(NamedTuple):
             self.inertia + body.inertia,
         )
 
-    def seen_from_parent(self, frame: Frame) -> _RigidBody:
+    def without_turning(self, axis: np.ndarray) -> _RigidBody:
+        """Return what is felt of a body without a first moment that is free to turn about an axis
+        of the frame: no inertia about this axis.
+        """
+        inertia = self.inertia.copy()
+        for k, component in enumerate(axis):
+            if not is_zero(component):
+                inertia[k, :] = 0.0
+                inertia[:, k] = 0.0
+        return self._replace(inertia=inertia)
+
+    def seen_from_parent(self, frame: Frame, equal_axis: int = 0) -> _RigidBody:
         """Return the body about the origin of the parent, in whose frame its frame stands.
 
         With the matrix [x] of the product x ×, the first moment h = E m c and the origin r of the
         frame, both in that of the parent, I' = E I Eᵀ - [r] [h] - ([r] [h])ᵀ - m [r] [r].
+
+        Args:
+            frame: The frame.
+            equal_axis: Axis whose moment of inertia is taken as that of a round body, with which
+                the others are compared; one that makes most of them zero leaves the least to turn.
         """
         first_moment = frame.rotation @ self.first_moment
         origin_cross = _skew(frame.origin)
         mixed = origin_cross @ _skew(first_moment)
         # A multiple of the unit matrix is the same in every frame, so that it need not be turned.
-        equal = _unit_matrix_times(self.inertia, 0)
+        equal = _unit_matrix_times(self.inertia, equal_axis)
         inertia = (
             frame.rotation @ (self.inertia - equal) @ frame.rotation.T
             + equal

@@ -14,6 +14,7 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
 from cranedyn.compiled.plant import rigid_body
+from cranedyn.compiled.plant.forward_dynamics import is_sliding_point, tree_forward_dynamics
 from cranedyn.compiled.plant.rigid_body import ExternalForce, Frame
 from cranedyn.dynamics import equations_of_motion as dynamics
 from cranedyn.dynamics.bodies import Bodies, blank, bodies_of_model
@@ -127,7 +128,7 @@ def test_accelerations_of_any_tree_are_those_of_pinocchio(
     tree = _tree(model)
     data = model.createData()
     where = rigid_body.frames(tree, q)
-    found = _plain(rigid_body.tree_forward_dynamics(tree, where, v, array(effort.tolist())))
+    found = _plain(tree_forward_dynamics(tree, where, v, array(effort.tolist())))
     expected = pin.aba(model, data, q, v, effort)
     assert not rigid_body.disagreement(found, expected, pin.crba(model, data, q))
 
@@ -154,10 +155,8 @@ def test_a_load_on_its_rope_moves_as_in_pinocchio_wherever_its_centre_is(state: 
     effort = np.array([1e4, -2e3, 30.0, -40.0, -9e3])
     force = ExternalForce(4, np.array([0.1, 0.2, -0.3]), np.array([300.0, -200.0, 100.0]))
     where = rigid_body.frames(tree, state.q)
-    assert rigid_body._is_sliding_point(tree, 4)
-    found = _plain(
-        rigid_body.tree_forward_dynamics(tree, where, state.v, array(effort.tolist()), [force])
-    )
+    assert is_sliding_point(tree, 4)
+    found = _plain(tree_forward_dynamics(tree, where, state.v, array(effort.tolist()), [force]))
     pushed, free = (
         _plain(rigid_body.tree_inverse_dynamics(tree, where, np.zeros(5), external_forces=some))
         for some in ([force], [])
