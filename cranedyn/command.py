@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import ctypes
 import os
 import re
 import shlex
@@ -15,9 +16,14 @@ from functools import cached_property
 from importlib import import_module
 from pathlib import Path
 from types import FrameType
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn, TypeVar
 
 from cranedyn.errors import CraneError, UnknownName, decimal_comma, nearest, printable
+
+if TYPE_CHECKING:
+    from concurrent.futures import Future
+
+_Result = TypeVar("_Result")
 
 FAILED = 1
 """Exit code of a claim or a run that failed."""
@@ -264,6 +270,48 @@ def uninterrupted_import(name: str) -> Any:
     """
     with defer_sigint():
         return import_module(name)
+
+
+@contextmanager
+def side_thread(function: Callable[..., _Result], *arguments: Any) -> Iterator[Future[_Result]]:
+    """Run a function in a thread beside the block, and wait for it at the end of the block.
+
+    An error of the block, such as Ctrl-C, also ends the function, at its next instruction in
+    Python: otherwise the process would wait until it is done. Native code that it has called goes
+    on until it returns.
+
+    Args:
+        function: The function.
+        arguments: Its arguments.
+
+    Yields:
+        Its result, to be asked for after the block.
+    """
+    from concurrent.futures import Future  # it takes long, and few commands need it
+
+    future: Future[_Result] = Future()
+
+    def run() -> None:
+        """Give the future a result or an error."""
+        try:
+            future.set_result(function(*arguments))
+        except SystemExit:  # from below; nobody asks for the result any more
+            future.cancel()
+        except BaseException as error:
+            future.set_exception(error)
+
+    thread = threading.Thread(target=run)
+    thread.start()
+    try:
+        yield future
+        thread.join()
+    except BaseException:
+        # Of all errors, a thread passes over this one in silence, wherever it is raised.
+        ctypes.pythonapi.PyThreadState_SetAsyncExc(
+            ctypes.c_ulong(thread.ident or 0), ctypes.py_object(SystemExit)
+        )
+        thread.join()
+        raise
 
 
 @contextmanager

@@ -15,6 +15,8 @@ The first paragraph of a module's docstring describes it in lists and help.
 from __future__ import annotations
 
 import ast
+import os
+import re
 import sys
 from functools import cache
 from importlib.util import find_spec
@@ -127,7 +129,51 @@ def _value(kind: Kind, name: str) -> str:
 @cache
 def _own(kind: Kind) -> dict[str, str]:
     """Return the plugins of cranedyn by name."""
+    declared = _own_declarations()
+    if declared is not None:
+        return dict(sorted(declared.get(f"cranedyn.{kind}s", {}).items()))
     return {entry.name: _target(entry) for entry in _entries(kind) if _is_ours(entry)}
+
+
+@cache
+def _own_declarations() -> dict[str, dict[str, str]] | None:
+    """Return the entry points that cranedyn declares, by group and name; None if it is not
+    installed in a folder of its own, as in an archive.
+
+    `importlib.metadata` reads the files of all packages that are installed, and its import alone
+    takes as long as compiling a crane.
+    """
+    for folder in sys.path:
+        try:
+            names = os.listdir(folder or ".")
+        except OSError:  # an archive, or nothing at all
+            continue
+        for name in names:
+            if _OWN_METADATA.fullmatch(name):
+                try:
+                    text = Path(folder, name, "entry_points.txt").read_text("utf-8")
+                except OSError:
+                    return None
+                return _parse_entry_points(text)
+    return None
+
+
+_OWN_METADATA = re.compile(r"cranedyn-[^-]+\.dist-info")
+"""Name of the folder with what is known of the installed package."""
+
+
+def _parse_entry_points(text: str) -> dict[str, dict[str, str]]:
+    """Return the entry points of a file ``entry_points.txt``, by group and name."""
+    groups: dict[str, dict[str, str]] = {}
+    group: dict[str, str] = {}
+    for line in text.splitlines():
+        line = line.strip()
+        if line.startswith("["):
+            group = groups.setdefault(line.strip("[]"), {})
+        elif line and not line.startswith("#"):
+            name, _, value = line.partition("=")
+            group[name.strip()] = "".join(value.split())
+    return groups
 
 
 @cache

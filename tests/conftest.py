@@ -35,15 +35,14 @@ signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Let all processes of the run share what is made from text alone, see `tests.objects`."""
+    """Let all processes of the run keep what is made once in one folder, see `tests.objects`."""
+    from cranedyn.data import kept_files
+
     if objects.FOLDER not in os.environ:
         # Workers of pytest-xdist inherit it.
         os.environ[objects.FOLDER] = str(_shared_folder(config))
         config.add_cleanup(lambda: os.environ.pop(objects.FOLDER))
-    is_worker = hasattr(config, "workerinput")
-    starts_workers = bool(config.getoption("tx", None))
-    if is_worker or not starts_workers:
-        objects.share(Path(os.environ[objects.FOLDER]))
+    os.environ[kept_files.VARIABLE] = os.environ[objects.FOLDER]
 
 
 def _shared_folder(config: pytest.Config) -> Path:

@@ -55,6 +55,31 @@ def cranedyn(lab: dict[str, str], *words: object) -> subprocess.CompletedProcess
     return subprocess.run(command, env=lab, capture_output=True, text=True, check=False)
 
 
+def test_our_plugins_are_those_that_the_metadata_declare(monkeypatch: pytest.MonkeyPatch) -> None:
+    for kind in ("engine", "exporter", "experiment", "command"):
+        declared = plugins._own.__wrapped__(kind)
+        assert plugins._own_declarations() is not None
+        with monkeypatch.context() as patched:
+            patched.setattr(plugins, "_own_declarations", lambda: None)
+            assert list(plugins._own.__wrapped__(kind).items()) == list(declared.items())
+    assert set(plugins._own.__wrapped__("engine")) == {"compiled", "pinocchio"}
+
+
+def test_without_metadata_in_a_folder_python_is_asked(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(sys, "path", [str(tmp_path), str(tmp_path / "archive.zip"), *sys.path])
+    find = plugins._own_declarations.__wrapped__
+    usual = find()
+    (tmp_path / "cranedyn-extras-1.0.dist-info").mkdir()  # another package
+    assert find() == usual
+    (tmp_path / "cranedyn-0.1.dist-info").mkdir()
+    assert find() is None
+    text = "# ours\n[cranedyn.engines]\nodd =  a.module : thing \n\n[other]\nname=value\n"
+    (tmp_path / "cranedyn-0.1.dist-info" / "entry_points.txt").write_text(text)
+    assert find() == {"cranedyn.engines": {"odd": "a.module:thing"}, "other": {"name": "value"}}
+
+
 @pytest.mark.slow
 def test_an_experiment_of_another_package_is_listed_and_run(lab: dict[str, str]) -> None:
     lines = cranedyn(lab, "list").stdout.partition("Next: ")[0].splitlines()

@@ -1,7 +1,9 @@
 """Machine code: LLVM optimises and translates modules in this process, without a C compiler.
 
 `translate` makes functions that this process can call, and `native_assembly` shows them.
-`object_code` and `assembly` translate for other platforms.
+`object_code` and `assembly` translate for other platforms. What `translate` and `object_code` make
+is kept for later processes, see `cranedyn.data.kept_files`: under a digest of the text of the
+module and of all else that it depends on.
 """
 
 from __future__ import annotations
@@ -9,10 +11,15 @@ from __future__ import annotations
 import ctypes
 import sys
 from dataclasses import dataclass, field
+from functools import lru_cache
+from pathlib import Path
 from typing import Any
 
+import llvmlite
 from llvmlite import binding, ir
 from llvmlite.binding.newpassmanagers import NewPassManager
+
+from cranedyn.data.kept_files import digest_of_parts, keep, read_kept
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,25 +70,63 @@ def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
         inlining: Whether to inline functions and to look for the best order of instructions. That
             takes longer, and pays for code of many lanes only.
     """
+    text = str(module)
+    name = digest_of_parts(*_translator(), "this processor", text, str(inlining))
+    content = read_kept(name)
+    if content is None:
+        content = _native_object(text, inlining)
+        keep(name, content)
+    return _load(content, inlining)
+
+
+@lru_cache(maxsize=1)
+def _translator() -> tuple[str, ...]:
+    """Return what machine code depends on besides its module: this file, LLVM, and the processor
+    with its features, since a folder of kept files may be shared by several machines.
+    """
+    return (
+        Path(__file__).read_text("utf-8"),
+        llvmlite.__version__,
+        ".".join(str(number) for number in binding.llvm_version_info),
+        binding.get_default_triple(),
+        binding.get_host_cpu_name(),
+        binding.get_host_cpu_features().flatten(),
+    )
+
+
+def _native_object(text: str, inlining: bool) -> bytes:
+    """Return the object file of the text of a module, optimised for this processor."""
     # The global context would keep every constant for ever.
     context = binding.create_context()
+    code, target = _optimised(text, context, inlining=inlining)
+    code.data_layout = str(target.target_data)
+    return target.emit_object(code)
+
+
+def _load(content: bytes, inlining: bool) -> Machine:
+    """Return the functions of an object file of this processor, in memory."""
+    context = binding.create_context()
     context._owned = True
-    code, target = _optimised(module, context, inlining=inlining)
-    engine = binding.create_mcjit_compiler(code, target)
+    # The engine has a module of its own, which stays empty.
+    module = binding.parse_assembly("", context)
+    engine = binding.create_mcjit_compiler(module, _target(3 if inlining else 2))
+    engine.add_object_file(binding.ObjectFileRef.from_data(content))
     engine.finalize_object()
     return Machine(engine, context)
 
 
 def native_assembly(module: ir.Module) -> str:
     """Return what `translate` makes of a module of many lanes, in assembly language."""
-    code, target = _optimised(module, binding.create_context(), inlining=True)
+    code, target = _optimised(str(module), binding.create_context(), inlining=True)
     return target.emit_assembly(code)
 
 
-def _optimised(module: ir.Module, context: Any, *, inlining: bool) -> tuple[Any, Any]:
-    """Return a module as optimised code for this processor, and the processor's target machine."""
+def _optimised(text: str, context: Any, *, inlining: bool) -> tuple[Any, Any]:
+    """Return the text of a module as optimised code for this processor, and the processor's target
+    machine.
+    """
     target = _target(3 if inlining else 2)
-    code = binding.parse_assembly(str(module), context)
+    code = binding.parse_assembly(text, context)
     _optimise(code, target, speed_level=1, inlining=inlining)
     return code, target
 
@@ -94,8 +139,13 @@ def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:
         triple: LLVM's name of the platform, such as "wasm32-unknown-unknown".
         features: LLVM's names of features of its processor, such as "+simd128".
     """
-    target, code = _cross(module, triple, features=features)
-    return target.emit_object(code)
+    name = digest_of_parts(*_translator(), "another platform", str(module), triple, features)
+    content = read_kept(name)
+    if content is None:
+        target, code = _cross(module, triple, features=features)
+        content = bytes(target.emit_object(code))
+        keep(name, content)
+    return content
 
 
 def assembly(module: ir.Module, triple: str, processor: str) -> str:

@@ -16,7 +16,6 @@ import json
 import math
 import sys
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -27,7 +26,7 @@ from markupsafe import Markup
 from scipy.spatial import ConvexHull
 from scipy.spatial.transform import Rotation
 
-from cranedyn.command import command_line, open_line
+from cranedyn.command import command_line, open_line, side_thread
 from cranedyn.data.files import with_ending
 from cranedyn.disturbances.wind import AIR_DENSITY
 from cranedyn.dynamics.bodies import bodies_of_model
@@ -202,8 +201,7 @@ def page_data(
     variants = variations(crane, drives)
     # Both take many seconds. LLVM releases the lock of the interpreter while it compiles, so the
     # exercises are planned meanwhile.
-    with ThreadPoolExecutor(1) as thread:
-        kernel = thread.submit(kernel_data, crane, drives, variants)
+    with side_thread(kernel_data, crane, drives, variants) as kernel:
         planned = _exercises(crane, drives, site)
     rotation = np.eye(3)
     translation = np.zeros(3)

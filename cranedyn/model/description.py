@@ -1,4 +1,8 @@
-"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments."""
+"""Descriptions: xacro files with checked arguments, expanded to a plain URDF without comments.
+
+Expansions of the files of this project are kept for later processes, see
+`cranedyn.data.kept_files`.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +10,20 @@ import contextlib
 import io
 import os
 import re
+import sys
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TypedDict
 from xml.dom import Node, minidom
 
-import xacro
-from xacro import substitution_args
-
 from cranedyn.checks import number
 from cranedyn.command import interrupted
 from cranedyn.data.files import read_text
+from cranedyn.data.kept_files import digest_of_parts, keep, read_kept
 from cranedyn.errors import CraneError, ModelError, UnknownName, quoted
 from cranedyn.model.urdf import parse_urdf
 
@@ -218,9 +222,64 @@ def _expand_cached(
     """Return the expansion of a file of this project, see `_expand`.
 
     Times and sizes of the files are an argument, so that an expansion is not reused once one of
-    them has changed. These files read nothing but each other.
+    them has changed.
     """
-    return _expand(path, mappings)
+    sources = {file.name: read_text(file) for file in sorted(XACRO.parent.glob("*.xacro"))}
+    if not _read_only_each_other(sources):
+        return _expand(path, mappings)
+    name = digest_of_parts(
+        *_expander(),
+        Path(path).name,
+        repr(sorted(mappings)),
+        *[part for source in sources.items() for part in source],
+    )
+    kept = read_kept(name)
+    if kept is not None:
+        return kept.decode()
+    expansion = _expand(path, mappings)
+    keep(name, expansion.encode())
+    return expansion
+
+
+@lru_cache(maxsize=1)
+def _expander() -> tuple[str, ...]:
+    """Return what an expansion depends on besides the xacro files and the values of their
+    arguments: this file, xacro, and Python, whose expressions they contain.
+    """
+    texts = [Path(__file__).read_text("utf-8"), sys.version]
+    spec = find_spec("xacro")  # which does not import it
+    for folder in (spec and spec.submodule_search_locations) or ():
+        texts += [file.read_text("utf-8") for file in sorted(Path(folder).glob("*.py"))]
+    return tuple(texts)
+
+
+_SUBSTITUTION = re.compile(r"\$\((?!arg\s)")
+"""A substitution of xacro other than an argument: it may read the environment or other folders."""
+
+_INCLUDE = re.compile(r"<xacro:include\b(?P<attributes>[^>]*)>")
+"""An element that includes another file."""
+
+_INCLUDED_NAME = re.compile(r"""\s+filename=["'](?P<name>[\w.]+)["']\s*/?""")
+"""The attributes of such an element that name one file without a folder, and nothing else."""
+
+
+def _read_only_each_other(sources: Mapping[str, str]) -> bool:
+    """Return whether the expansion of some xacro files depends on these files and on the values of
+    their arguments only: not on the environment, nor on files elsewhere.
+
+    So it is with those of this project. Somebody may have changed them.
+
+    Args:
+        sources: Texts by the names of the files.
+    """
+    for text in sources.values():
+        if _SUBSTITUTION.search(text) or "load_yaml" in text:
+            return False
+        for include in _INCLUDE.finditer(text):
+            named = _INCLUDED_NAME.fullmatch(include["attributes"])
+            if named is None or named["name"] not in sources:
+                return False
+    return True
 
 
 def _expand(
@@ -235,6 +294,9 @@ def _expand(
         mappings: Names and values of its arguments.
         packages: Folders of ROS packages by name.
     """
+    # The import takes a while, and where the expansion was kept, nobody needs it.
+    import xacro
+
     missing: list[ModelError] = []
 
     def find(name: str) -> str:
@@ -272,6 +334,8 @@ def _expand(
 @contextlib.contextmanager
 def _packages_found_by(find: Callable[[str], str]) -> Iterator[None]:
     """Let xacro take the folder of a ROS package from a function; otherwise it asks ROS."""
+    from xacro import substitution_args
+
     asking_ros = substitution_args._eval_find
     try:
         substitution_args._eval_find = find

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import inspect
 import re
 import shutil
 import xml.etree.ElementTree as ET
@@ -13,6 +12,7 @@ import pytest
 import xacro
 
 from cranedyn.__main__ import main
+from cranedyn.data import kept_files
 from cranedyn.errors import DataError, ModelError, OutOfRange, UnknownName
 from cranedyn.model import description
 from cranedyn.model.description import XACRO, arguments, describe
@@ -99,6 +99,8 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
     for path in XACRO.parent.glob("*.xacro"):
         shutil.copy(path, tmp_path)
     own = tmp_path / XACRO.name
+    # Another process of this run may have expanded it.
+    monkeypatch.setenv(kept_files.VARIABLE, kept_files.OFF)
     expansions = []
     monkeypatch.setattr(description, "XACRO", own)
     honest = description._expand
@@ -115,6 +117,105 @@ def test_a_file_of_ours_is_expanded_once_and_again_when_it_has_changed(
     assert '<mass value="1001.0"/>' in describe(own)
 
 
+@pytest.fixture
+def kept(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder in which files are kept, which is not there yet."""
+    folder = tmp_path / "kept"
+    monkeypatch.setenv(kept_files.VARIABLE, str(folder))
+    return folder
+
+
+@pytest.fixture
+def own(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the file of the tower crane, in the place of that of this project."""
+    folder = tmp_path / "urdf"
+    folder.mkdir()
+    for path in XACRO.parent.glob("*.xacro"):
+        shutil.copy(path, folder)
+    monkeypatch.setattr(description, "XACRO", folder / XACRO.name)
+    return folder / XACRO.name
+
+
+def without_memory(path: Path, **values: float) -> str:
+    """The expansion of a file without visuals, by a process that has expanded nothing yet."""
+    description._expand_cached.cache_clear()
+    return describe(path, values, visuals=False)
+
+
+def digests(folder: Path) -> int:
+    """Number of the expansions that are kept in a folder."""
+    return len([path for path in folder.glob("*") if path.name != "tidied"])
+
+
+@pytest.mark.slow
+def test_an_expansion_is_kept_for_later_processes_wherever_the_files_are(
+    own: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    elsewhere = description._expand(str(XACRO), (("visuals", "false"),))
+    assert digests(kept) == 0  # it is not that of this project, for this test
+    light = without_memory(own, payload_mass=1234.0)
+    first = without_memory(own)
+    assert light != first == elsewhere
+    assert digests(kept) == 2
+    monkeypatch.setattr(description, "_expand", None)
+    assert without_memory(own) == first
+    assert without_memory(own, payload_mass=1234.0) == light
+
+
+@pytest.mark.slow
+def test_another_file_and_another_xacro_are_another_expansion(
+    own: Path, kept: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    without_memory(own)
+    included = own.with_name("heavy_rope.xacro")
+    included.write_text(included.read_text() + "\n")
+    without_memory(own)
+    assert digests(kept) == 2
+    parts = description._expander()
+    assert any("def process_file" in part for part in parts)
+    for i in range(len(parts)):
+        other = (*parts[:i], "other", *parts[i + 1 :])
+        monkeypatch.setattr(description, "_expander", lambda other=other: other)
+        without_memory(own)
+    assert digests(kept) == 2 + len(parts)
+
+
+READS_ELSEWHERE = (
+    '<xacro:property name="p" value="$(env HOME)"/>',
+    '<xacro:property name="p" value="$(optenv NO_SUCH_NAME none)"/>',
+    "<xacro:property name=\"p\" value=\"${xacro.load_yaml('values.yaml')['p']}\"/>",
+    '<xacro:include filename="../values.xacro"/>',
+    '<xacro:include filename="values.yaml"/>',
+    '<xacro:include filename="*.xacro.more"/>',
+    '<xacro:include ns="n" filename="heavy_rope.xacro"/>',
+)
+"""Lines with which a file of this project, changed by somebody, reads what is not known."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("line", READS_ELSEWHERE)
+def test_an_expansion_that_depends_on_what_is_not_known_is_not_kept(
+    own: Path, kept: Path, line: str
+) -> None:
+    (own.parent / "values.yaml").write_text("<robot/>" if "include" in line else "p: 1")
+    (own.parent.parent / "values.xacro").write_text("<robot/>")
+    text = own.read_text()
+    own.write_text(turned("</robot>", f"{line}</robot>", text))
+    assert not description._read_only_each_other(
+        {path.name: path.read_text() for path in own.parent.glob("*.xacro")}
+    )
+    try:
+        without_memory(own)
+    finally:
+        assert digests(kept) == 0
+
+
+def test_the_files_of_this_project_read_only_each_other() -> None:
+    sources = {path.name: path.read_text() for path in XACRO.parent.glob("*.xacro")}
+    assert len(sources) == 6
+    assert description._read_only_each_other(sources)
+
+
 @pytest.mark.slow
 def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
     urdf: str, monkeypatch: pytest.MonkeyPatch
@@ -128,7 +229,7 @@ def test_an_interruption_in_the_midst_of_an_expansion_does_no_harm_to_the_next(
         return remove(parent, child)
 
     # Xacro expands it each time, also where another process of this run has expanded it.
-    monkeypatch.setattr(description, "_expand", inspect.unwrap(description._expand))
+    monkeypatch.setenv(kept_files.VARIABLE, kept_files.OFF)
     with monkeypatch.context() as patched, pytest.raises(KeyboardInterrupt):
         patched.setattr(minidom.Node, "removeChild", interrupted)
         description._expand_cached.cache_clear()

@@ -4,7 +4,6 @@ languages print nothing beside it.
 
 from __future__ import annotations
 
-import inspect
 import re
 import sys
 from concurrent.futures import ThreadPoolExecutor
@@ -15,8 +14,8 @@ import pytest
 
 from cranedyn.checks import number
 from cranedyn.controllers import hold_controller
+from cranedyn.data import kept_files
 from cranedyn.errors import CraneError, ModelError, OutOfRange, printable, quoted
-from cranedyn.model import description
 from cranedyn.model.description import describe
 from cranedyn.model.load import load_crane
 from cranedyn.recording import Run
@@ -139,7 +138,7 @@ def test_cranes_described_in_threads_are_not_mixed_and_standard_error_stays_what
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     # Xacro expands each of them, also those that another process of this run has expanded.
-    monkeypatch.setattr(description, "_expand", inspect.unwrap(description._expand))
+    monkeypatch.setenv(kept_files.VARIABLE, kept_files.OFF)
     before = sys.stderr
 
     def described(mass: int) -> bool:

@@ -9,13 +9,14 @@ import resource
 import signal
 import subprocess
 import sys
+import time
 from collections.abc import Callable
 from contextlib import redirect_stderr
 from pathlib import Path
 
 import pytest
 
-from cranedyn.command import INTERRUPTED, command
+from cranedyn.command import INTERRUPTED, command, side_thread
 from cranedyn.controllers import hold_controller
 from cranedyn.data.files import atomic_write
 from cranedyn.errors import DataError, RunError
@@ -122,6 +123,35 @@ def test_an_interruption_ends_a_command_within_two_seconds_and_leaves_whole_file
     (signalled,) = re.findall(r"signal at ([\d.]+)", run.stdout)
     assert used - float(signalled) < 2.0  # of the processor, which others use, too
     assert (files(tmp_path / "out") if left else files(tmp_path)) == left
+
+
+def _count_for_a_minute(count: list[int]) -> None:
+    """Count, as a thread does that computes in Python."""
+    end = time.monotonic() + 60.0
+    while time.monotonic() < end:
+        count[0] += 1
+
+
+def test_an_interruption_ends_what_runs_beside_it(capfd: pytest.CaptureFixture[str]) -> None:
+    count = [0]
+    begin = time.monotonic()
+    with pytest.raises(KeyboardInterrupt), side_thread(_count_for_a_minute, count):
+        while not count[0]:
+            time.sleep(0.01)
+        raise KeyboardInterrupt
+    assert time.monotonic() - begin < 30.0  # other processes may keep it from running
+    reached = count[0]
+    time.sleep(0.1)
+    assert count[0] == reached
+    assert capfd.readouterr() == ("", "")
+
+
+def test_what_runs_beside_gives_its_result_or_its_error() -> None:
+    with side_thread(divmod, 7, 2) as whole, side_thread(divmod, 7, 0) as fault:
+        pass
+    assert whole.result() == (3, 1)
+    with pytest.raises(ZeroDivisionError):
+        fault.result()
 
 
 def _taken_for_a_fault() -> None:

@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.assumptions import Assumption
 from cranedyn.controllers.integral import HOIST_INTEGRAL, HoistIntegral
 from cranedyn.controllers.lqr import lqr
+from cranedyn.controllers.tracking import Tracking
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.interfaces import EngineName
 from cranedyn.lifts.planning.clearance import Clearance, Nearest
@@ -106,8 +108,23 @@ def controller_of(lift: Lift, *, dt: float = 5e-4) -> HoistIntegral:
     """
     crane = lift.crane
     max_force = float(crane.effort_limit[winch_of(crane)])
-    tracking = lqr(crane, lift.timed.motion, dt=dt)
-    return HoistIntegral(crane, tracking, HOIST_INTEGRAL, max_force)
+    return HoistIntegral(crane, _tracking(lift, dt), HOIST_INTEGRAL, max_force)
+
+
+_tracking_of_lifts = WeakKeyDictionary[Lift, dict[float, Tracking]]()
+"""The LQRs that were designed for a lift, by the step of the simulation [s]. A report asks for that
+of a lift at many places, and the design takes as long as hundreds of simulated lifts. The keys are
+weak: an LQR goes with its lift."""
+
+
+def _tracking(lift: Lift, dt: float) -> Tracking:
+    """Return the full-model LQR about the motion of a lift. It has no memory, so that all
+    controllers of the lift share it.
+    """
+    designed = _tracking_of_lifts.setdefault(lift, {})
+    if dt not in designed:
+        designed[dt] = lqr(lift.crane, lift.timed.motion, dt=dt)
+    return designed[dt]
 
 
 def certify(

@@ -14,6 +14,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from cranedyn.analysis.swing import swing_amplitude
+from cranedyn.controllers.lqr import lqr
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.errors import CraneError, DataError, ModelError, OutOfRange, RunError
 from cranedyn.estimation.sensor_model import with_sensor_model
@@ -300,6 +301,25 @@ def test_a_tower_in_the_way_of_the_jib_and_a_swing_at_the_arrival_turn_a_certifi
     sentences = " ".join(red(certify(lift(), there, controller=replace(strong, tracking=weak))))
     assert "the jib comes too near to tower" in sentences
     assert "At the arrival it swings" in sentences
+
+
+def test_the_regulator_of_a_lift_is_designed_once_for_each_step_and_integrals_are_not_shared(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    made = replace(lift())  # nothing is known of it yet
+    steps = []
+
+    def design(*given: Any, dt: float) -> Any:
+        steps.append(dt)
+        return lqr(*given, dt=dt)
+
+    monkeypatch.setattr("cranedyn.lifts.planning.certificate.lqr", design)
+    one = controller_of(made)
+    other = controller_of(made)
+    coarse = controller_of(made, dt=1e-3)
+    assert steps == [5e-4, 1e-3]
+    assert one is not other
+    assert one.tracking is other.tracking is not coarse.tracking
 
 
 # --- no way ---------------------------------------------------------------------------------------
