@@ -109,8 +109,10 @@ def keep(name: str, content: bytes) -> None:
 
 @lru_cache(maxsize=8)
 def _folder(value: str) -> Path | None:
-    """Return the folder for a value of the environment variable; None to keep nothing."""
-    if value == OFF:
+    """Return the folder for a value of the environment variable; None to keep nothing, as where a
+    system does not tell who owns a file.
+    """
+    if value == OFF or not hasattr(os, "getuid"):
         return None
     if value:
         return Path(value).absolute()
