@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.benchmark import baselines
 from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.evaluate import (
@@ -291,3 +292,14 @@ def test_a_file_of_matrices_is_an_entry_that_tracks_the_planned_motion(tmp_path:
     assert lengths[round(planned / 2.0, 2)] == pytest.approx(0.45, abs=0.01)
     operator, _ = run(toy_instance("operator"), open_entry(str(file)))
     assert operator.status == "declined"
+
+
+def test_a_design_is_kept_for_the_instances_of_a_task_and_no_other() -> None:
+    told = briefing_of(toy("move"))
+    first = baselines._design(told, baselines._smooth)
+    assert baselines._design(told, baselines._smooth) is first
+    other = briefing_of(toy("wind"))
+    _, motion = baselines._design(other, baselines._smooth)
+    assert motion is other.motion
+    # Each instance has a controller of its own.
+    assert baselines.full_lqr(told) is not baselines.full_lqr(told)
