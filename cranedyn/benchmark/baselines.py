@@ -27,7 +27,7 @@ from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.controllers.velocity_command import ShapedVelocityCommand, gentle_recovery
 from cranedyn.dynamics.equations_of_motion import payload_position
-from cranedyn.errors import MissingRole
+from cranedyn.errors import MissingRole, ModelError
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.lifts.planning.joystick import joystick_path
 from cranedyn.references import hold
@@ -161,7 +161,7 @@ def _planned(briefing: Briefing, plan: Callable[[Briefing], Motion]) -> Entry:
     """
     try:
         gains, motion = _design(briefing, plan if briefing.kind in MOVES else _smooth)
-    except MissingRole as error:
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
     return briefing.entry(gains, motion, "effort")
 
@@ -209,7 +209,7 @@ def paper_lqr_pid(briefing: Briefing) -> Entry:
     motion = briefing.motion
     try:
         controller = paper_controller(briefing.crane, motion)
-    except MissingRole as error:
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
     return briefing.entry(controller, motion, "effort")
 
@@ -351,7 +351,7 @@ def yielding_drives(briefing: Briefing) -> Entry:
         reference = _joystick_reference(briefing)
         controller, drive = make(reference)
         return briefing.entry(controller, reference, drive)
-    except MissingRole as error:
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
 
 
