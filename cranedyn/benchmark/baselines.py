@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -21,12 +22,12 @@ from cranedyn.benchmark.entries.targets import Target, Targets
 from cranedyn.benchmark.entry import Briefing, Declined, Entry
 from cranedyn.benchmark.sensors import SensorReading
 from cranedyn.benchmark.task import MOVES
-from cranedyn.controllers import follow, hold_controller, lqr
+from cranedyn.controllers import Tracking, follow, hold_controller, lqr
 from cranedyn.controllers.damping import with_damping
 from cranedyn.controllers.paper import paper_controller
 from cranedyn.controllers.velocity_command import ShapedVelocityCommand, gentle_recovery
 from cranedyn.dynamics.equations_of_motion import payload_position
-from cranedyn.errors import MissingRole
+from cranedyn.errors import MissingRole, ModelError
 from cranedyn.interfaces import Reference, Setpoint
 from cranedyn.lifts.planning.joystick import joystick_path
 from cranedyn.references import hold
@@ -51,6 +52,9 @@ choice, on the crane inteco."""
 MPC_EVERY = 2
 """Control periods from one optimisation of `kaepernick_mpc` to the next. Our choice: it takes some
 milliseconds for each axis."""
+
+_KEPT_DESIGNS = 4
+"""Number of LQRs that are kept, for the instances of a task that follow one another."""
 
 YIELD_RECOVERY = 0.3
 """Share of the distance of yielding drives from their reference that is taken back per second
@@ -93,17 +97,25 @@ def _with_operator(briefing: Briefing, make: Callable[[Reference], tuple[Any, st
     return rates
 
 
-def _tracked(briefing: Briefing, motion: Motion) -> Entry:
+def _gains(briefing: Briefing, motion: Motion) -> Tracking:
     """Return an LQR of the full model about a motion, with gains that suit the converters."""
     state_weight, effort_weight = natural_weights(briefing)
-    gains = lqr(
+    return lqr(
         briefing.crane,
         motion,
         dt=briefing.step,
         state_weight=state_weight,
         effort_weight=effort_weight,
     )
-    return briefing.entry(gains, motion, "effort")
+
+
+@lru_cache(maxsize=_KEPT_DESIGNS)
+def _design(briefing: Briefing, plan: Callable[[Briefing], Motion]) -> tuple[Tracking, Motion]:
+    """Return an LQR about a planned motion, and the motion; all instances of a task have the same
+    ones.
+    """
+    motion = plan(briefing)
+    return _gains(briefing, motion), motion
 
 
 def natural_weights(briefing: Briefing) -> tuple[np.ndarray, np.ndarray]:
@@ -147,12 +159,16 @@ def _planned(briefing: Briefing, plan: Callable[[Briefing], Motion]) -> Entry:
     Raises:
         Declined: Under an operator, or if the plan is for tower cranes and this is none.
     """
-    if briefing.kind not in MOVES:
-        return _tracked(briefing, briefing.motion)
     try:
-        return _tracked(briefing, plan(briefing))
-    except MissingRole as error:
+        gains, motion = _design(briefing, plan if briefing.kind in MOVES else _smooth)
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
+    return briefing.entry(gains, motion, "effort")
+
+
+def _smooth(briefing: Briefing) -> Motion:
+    """Return the smooth motion that does what the task asks for."""
+    return briefing.motion
 
 
 def _plain_reference(briefing: Briefing) -> Reference:
@@ -193,49 +209,61 @@ def paper_lqr_pid(briefing: Briefing) -> Entry:
     motion = briefing.motion
     try:
         controller = paper_controller(briefing.crane, motion)
-    except MissingRole as error:
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
     return briefing.entry(controller, motion, "effort")
 
 
 def full_lqr(briefing: Briefing) -> Entry:
     """An LQR of the full model about a smooth motion of the drives with the load plumb."""
-    return _planned(briefing, lambda told: told.motion)
+    return _planned(briefing, _smooth)
 
 
 def flat_lqr(briefing: Briefing) -> Entry:
     """The same LQR about a motion that carries the load along its own path; tower cranes only."""
+    return _planned(briefing, _flat)
 
-    def plan(told: Briefing) -> Motion:
-        assert told.goal is not None
-        duration = told.moderate_duration
-        return flat(told.crane, told.start, told.goal, duration, period=told.period)
 
-    return _planned(briefing, plan)
+def _flat(briefing: Briefing) -> Motion:
+    """Return a motion that carries the load along its own path, as long as the smooth one."""
+    return _flat_lasting(briefing, briefing.moderate_duration)
+
+
+def _flat_lasting(briefing: Briefing, duration: float) -> Motion:
+    """Return a motion that carries the load along its own path in a duration [s]."""
+    assert briefing.goal is not None
+    return flat(briefing.crane, briefing.start, briefing.goal, duration, period=briefing.period)
 
 
 def fastest_flat_lqr(briefing: Briefing) -> Entry:
     """The same, as fast as four fifths of the drives' limits allow; tower cranes only."""
+    return _planned(briefing, _fastest_flat)
 
-    def plan(told: Briefing) -> Motion:
-        def lasting(duration: float) -> Motion:
-            assert told.goal is not None
-            return flat(told.crane, told.start, told.goal, duration, period=told.period)
 
-        duration = fastest(told.crane, lasting, _planning_limits(told))
-        return lasting(duration)
-
-    return _planned(briefing, plan)
+def _fastest_flat(briefing: Briefing) -> Motion:
+    """Return the fastest motion that carries the load along its own path within the limits."""
+    lasting = partial(_flat_lasting, briefing)
+    return lasting(fastest(briefing.crane, lasting, _planning_limits(briefing)))
 
 
 def least_time_lqr(briefing: Briefing) -> Entry:
     """An LQR about the motion of least time at four fifths of all limits, by optimal control."""
-    return _planned(briefing, lambda told: _optimal(told, None))
+    return _planned(briefing, _least_time)
+
+
+def _least_time(briefing: Briefing) -> Motion:
+    """Return the motion of least time."""
+    return _optimal(briefing, None)
 
 
 def least_swing_lqr(briefing: Briefing) -> Entry:
     """An LQR about the motion of least swing in the duration of the smooth motion."""
-    return _planned(briefing, lambda told: _optimal(told, told.moderate_duration))
+    return _planned(briefing, _least_swing)
+
+
+def _least_swing(briefing: Briefing) -> Motion:
+    """Return the motion of least swing that lasts as long as the smooth one."""
+    return _optimal(briefing, briefing.moderate_duration)
 
 
 def _optimal(briefing: Briefing, duration: float | None) -> Motion:
@@ -323,7 +351,7 @@ def yielding_drives(briefing: Briefing) -> Entry:
         reference = _joystick_reference(briefing)
         controller, drive = make(reference)
         return briefing.entry(controller, reference, drive)
-    except MissingRole as error:
+    except (MissingRole, ModelError) as error:
         raise Declined(str(error)) from error
 
 
@@ -473,7 +501,8 @@ def container_crane_lqr(briefing: Briefing) -> Entry:
     # After its last row the crane stands still.
     samples[1:, -1] = 0.0
     q, v, a = samples
-    return _tracked(briefing, Motion(briefing.period, q, v, a, drives))
+    motion = Motion(briefing.period, q, v, a, drives)
+    return briefing.entry(_gains(briefing, motion), motion, "effort")
 
 
 def _check_bridge_crane(briefing: Briefing) -> None:

@@ -28,7 +28,7 @@ from typing import Any, BinaryIO
 
 import numpy as np
 
-from cranedyn.benchmark.entry import Declined, Entry, Opened, briefing_of
+from cranedyn.benchmark.entry import Briefing, Declined, Entry, Opened, briefing_of
 from cranedyn.benchmark.entry_files import EntryFiles, add_digests
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.entry_source import EntrySource
@@ -341,6 +341,9 @@ class _Side:
     def __init__(self) -> None:
         self._opened: Opened | None = None
         self._entry: Entry | None = None
+        # What is told of tasks, by their file and kind: all instances of a task are told the same,
+        # and an entry may keep what it has designed for it.
+        self._briefings: dict[tuple[str, str], Briefing] = {}
         self._files: EntryFiles | None = None
         self._seconds = 0.0
         self._drives = 0
@@ -381,8 +384,10 @@ class _Side:
 
     def _begin(self, file: str, kind: str) -> None:
         self._limit_time()
-        task = next(task for task in read_tasks(Path(file)) if task.kind == kind)
-        briefing = briefing_of(task)
+        if (file, kind) not in self._briefings:
+            task = next(task for task in read_tasks(Path(file)) if task.kind == kind)
+            self._briefings[file, kind] = briefing_of(task)
+        briefing = self._briefings[file, kind]
         m = briefing.crane.layout.m
         s = len(briefing.crane.swings)
         self._drives = m

@@ -25,6 +25,15 @@ AGREEMENT = 0.06
 """Difference up to which a computed least time is that of a file [s]: three control periods. The
 optimiser ends at a relative error, and settling is counted in whole periods."""
 
+_SWINGS_OF_ONE_ROPE = 2
+"""Number of swings of a load on one rope; with hook and sling there are more."""
+
+_EASIER_RAMPS = (0.0, 1.0)
+"""Ramps [s] with which the motion of a load with hook and sling is sought first, each search
+beginning with the motion of the one before. With the ramp of its drives alone, the optimiser ends
+at its largest number of iterations; without a ramp there are far fewer intervals, and with a long
+one the accelerations are continuous as well."""
+
 
 def least_time(task: CraneTask) -> float:
     """Return the time at which the load of the motion of least time has come within the tolerance
@@ -53,14 +62,23 @@ def least_time_motion(task: CraneTask) -> Motion:
     goal = task.goal_state()
     if goal is None:
         raise OutOfRange("task", task.name, "one with a goal")
+    crane = task.crane()
     converters = task.converters()
-    return optimal(
-        task.crane(),
-        task.start_state(),
-        goal,
-        Limits(converters.rates.tolist(), converters.accelerations.tolist()),
-        swing=task.swing_bound,
-        # The optimiser has one ramp for all drives; with the shortest none is held back.
-        ramp=float((converters.accelerations / converters.jerks).min()),
-        period=task.period,
-    )
+    # The optimiser has one ramp for all drives; with the shortest none is held back.
+    ramps = [float((converters.accelerations / converters.jerks).min())]
+    if len(crane.swings) > _SWINGS_OF_ONE_ROPE:
+        ramps = [*_EASIER_RAMPS, *ramps]
+    motion = None
+    for ramp in ramps:
+        motion = optimal(
+            crane,
+            task.start_state(),
+            goal,
+            Limits(converters.rates.tolist(), converters.accelerations.tolist()),
+            swing=task.swing_bound,
+            ramp=ramp,
+            period=task.period,
+            begin=motion,
+        )
+    assert motion is not None
+    return motion

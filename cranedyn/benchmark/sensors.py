@@ -148,4 +148,4 @@ def consecutive_slices(sizes: Sequence[int], begin: int = 0) -> list[slice]:
 
 def _rounded(values: np.ndarray, resolution: float) -> np.ndarray:
     """Return values rounded to multiples of a resolution; 0 for no rounding."""
-    return values if resolution == 0.0 else resolution * np.round(values / resolution)
+    return values if resolution == 0.0 else resolution * np.rint(values / resolution)

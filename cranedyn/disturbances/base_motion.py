@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -79,8 +79,8 @@ class BaseCoordinates(NamedTuple):
         """
         frames = frames_of(self)
         # In the axes of the base: velocity and acceleration of the point beyond the origin's.
-        turning = np.cross(frames.omega, point)
-        accelerating = np.cross(frames.alpha, point) + np.cross(frames.omega, turning)
+        turning = _cross(frames.omega, point)
+        accelerating = _cross(frames.alpha, point) + _cross(frames.omega, turning)
         position = self.position.copy()
         velocity = self.velocity.copy()
         acceleration = self.acceleration.copy()
@@ -262,6 +262,17 @@ class BaseMotion(ShortRepr):
         """
         return frames_of(self.at(times))
 
+    def frames_at(self, t: float) -> BaseFrames:
+        """Return the frames of the base at one time [s], k = 1, read-only.
+
+        Wind and engine ask for the same control instant one after the other, so the last answer is
+        kept.
+
+        Raises:
+            OutOfRange: As `at`.
+        """
+        return _frames_at(self, t)
+
     def world_velocities(self, t: float, position: np.ndarray, velocity: np.ndarray) -> np.ndarray:
         """Return the velocities of points in the world [m/s], shape (points, 3), at a time [s].
 
@@ -270,8 +281,8 @@ class BaseMotion(ShortRepr):
             position: Positions of the points in the frame of the base [m], shape (points, 3).
             velocity: Their velocities relative to the base, in its axes [m/s], shape (points, 3).
         """
-        frames = self.frames(np.array([t]))
-        in_base_axes = velocity + np.cross(frames.omega[0], position)
+        frames = self.frames_at(t)
+        in_base_axes = velocity + _cross(frames.omega[0], position)
         return frames.velocity[0] + in_base_axes @ frames.rotation[0].T
 
     def shifted(self, by: float) -> BaseMotion:
@@ -317,6 +328,32 @@ class BaseMotion(ShortRepr):
             return self.at(times).seen_at(lever)
 
         return BaseMotion(moved, self.first, self.last, f"{self.source}, seen at {lever.tolist()}")
+
+
+@lru_cache(maxsize=1)
+def _frames_at(motion: BaseMotion, t: float) -> BaseFrames:
+    """Return the frames of a base at one time, see `BaseMotion.frames_at`."""
+    frames = motion.frames(np.array([t]))
+    for numbers in frames:
+        numbers.flags.writeable = False
+    return frames
+
+
+def _cross(left: np.ndarray, right: np.ndarray) -> np.ndarray:
+    """Return the cross products of vectors, shape (..., 3): the same numbers as `np.cross`, which
+    takes several times as long for the single instants of a run.
+    """
+    left_x = left[..., 0]
+    left_y = left[..., 1]
+    left_z = left[..., 2]
+    right_x = right[..., 0]
+    right_y = right[..., 1]
+    right_z = right[..., 2]
+    product = np.empty(np.broadcast_shapes(left.shape, right.shape))
+    product[..., 0] = left_y * right_z - left_z * right_y
+    product[..., 1] = left_z * right_x - left_x * right_z
+    product[..., 2] = left_x * right_y - left_y * right_x
+    return product
 
 
 @dataclass(frozen=True, eq=False)

@@ -113,4 +113,4 @@ class BaseSamples:
         """Return the attitude of the base at an instant, from its axes to those of the world, shape
         (3, 3).
         """
-        return self._base.frames(np.array([self._spec.time(instant)])).rotation[0]
+        return self._base.frames_at(self._spec.time(instant)).rotation[0]

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from cranedyn.benchmark import baselines
 from cranedyn.benchmark.entry import Briefing, Declined, Entry, briefing_of
 from cranedyn.benchmark.entry_kinds import open_entry
 from cranedyn.benchmark.evaluate import (
@@ -291,3 +292,37 @@ def test_a_file_of_matrices_is_an_entry_that_tracks_the_planned_motion(tmp_path:
     assert lengths[round(planned / 2.0, 2)] == pytest.approx(0.45, abs=0.01)
     operator, _ = run(toy_instance("operator"), open_entry(str(file)))
     assert operator.status == "declined"
+
+
+def test_a_design_is_kept_for_the_instances_of_a_task_and_no_other() -> None:
+    told = briefing_of(toy("move"))
+    first = baselines._design(told, baselines._smooth)
+    assert baselines._design(told, baselines._smooth) is first
+    other = briefing_of(toy("wind"))
+    _, motion = baselines._design(other, baselines._smooth)
+    assert motion is other.motion
+    # Each instance has a controller of its own.
+    assert baselines.full_lqr(told) is not baselines.full_lqr(told)
+
+
+@pytest.mark.parametrize("name", ["paper_lqr_pid", "flat_lqr", "yielding_drives"])
+def test_a_baseline_for_tower_cranes_of_five_joints_declines_one_with_a_sling(name: str) -> None:
+    (task,) = select_tasks(["hook/move"])
+    with pytest.raises(Declined, match="tower crane of five joints"):
+        getattr(baselines, name)(briefing_of(task))
+
+
+@pytest.mark.slow
+def test_the_tolerance_on_a_ship_is_not_kept_by_drives_that_stand_still_in_most_seas() -> None:
+    """As the file of the tasks says: in 3 of the 5 public instances."""
+    (task,) = select_tasks(["ship/move"])
+    assert task.goal is not None
+    at_goal = replace(task, start={**task.start, **task.goal})
+    process = InThisProcess(still)
+    failed = 0
+    for instance in instances(at_goal, "public"):
+        plumb = replace(instance, values={**instance.values, "start_swing": 0.0})
+        result = run_instance(plumb, process)  # type: ignore[arg-type]
+        assert result.metrics, result.reason
+        failed += result.status == "failed"
+    assert failed == 3

@@ -40,9 +40,7 @@ def test_every_crane_has_a_task_of_every_kind_and_moves_have_their_least_time() 
     for crane in {task.crane_name for task in tasks}:
         assert [task.kind for task in tasks if task.crane_name == crane] == [*KINDS]
     for task in tasks:
-        # For the crane with a sling the optimiser does not converge, as the page says.
-        has_limit = task.kind in MOVES and task.crane_name != "hook"
-        assert (task.least_time is not None) == has_limit
+        assert (task.least_time is not None) == (task.kind in MOVES)
 
 
 @pytest.mark.parametrize(
@@ -206,3 +204,27 @@ def test_the_least_time_in_a_file_is_the_computed_one() -> None:
     assert task.least_time == pytest.approx(least_time(task), abs=AGREEMENT)
     with pytest.raises(CraneError, match="one with a goal"):
         least_time(toy("wind"))
+
+
+@pytest.mark.parametrize(
+    ("name", "ramps"), [("inteco/move", [0.1]), ("hook/move", [0.0, 1.0, 0.2])]
+)
+def test_the_least_time_of_a_load_on_a_sling_is_sought_by_way_of_easier_motions(
+    name: str, ramps: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Each search begins with the motion of the one before, and the last has the ramp of the
+    drives.
+    """
+    optimal_module = pytest.importorskip("cranedyn.lifts.planning.optimal", exc_type=CraneError)
+    calls = []
+
+    def recorded(*places: object, ramp: float, begin: object, **options: object) -> str:
+        calls.append((ramp, begin))
+        return f"motion with the ramp {ramp:g}"
+
+    monkeypatch.setattr(optimal_module, "optimal", recorded)
+    (task,) = select_tasks([name])
+    assert least_time_motion(task) == f"motion with the ramp {ramps[-1]:g}"
+    assert [ramp for ramp, _ in calls] == pytest.approx(ramps)
+    begins = [begin for _, begin in calls]
+    assert begins == [None, *(f"motion with the ramp {ramp:g}" for ramp in ramps[:-1])]

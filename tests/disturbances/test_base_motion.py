@@ -237,3 +237,24 @@ def test_times_that_are_not_equally_spaced_are_no_products() -> None:
     times = np.array([0.0, 1.0, 2.0, 3.5, 4.0, 9.0, 9.5, 20.0, 21.0])
     expected = 1.5 * np.sin(2.0 * np.pi / 8.0 * times)
     assert_allclose(motion.at(times).position[:, 2], expected, atol=1e-14)
+
+
+def test_the_frames_at_one_time_are_those_of_that_time_to_the_last_bit() -> None:
+    ship = SEA.seen_at((3.0, -7.0, 12.0))
+    for motion in (ship, SEA):
+        # One time twice, as wind and engine ask for it, and then another one.
+        for t in (0.3, 0.3, 7.7):
+            alone = motion.frames(np.array([t]))
+            for numbers, kept in zip(alone, motion.frames_at(t), strict=True):
+                assert np.array_equal(numbers, kept)
+                assert not kept.flags.writeable
+
+
+def test_velocities_in_the_world_are_those_of_a_rigid_body() -> None:
+    position = np.array([[1.0, 2.0, 3.0], [-4.0, 0.5, 9.0]])
+    velocity = np.array([[0.1, 0.2, 0.3], [0.0, -0.4, 0.2]])
+    frames = SEA.frames(TIMES[:1])
+    relative = velocity + np.cross(frames.omega[0], position)
+    expected = frames.velocity[0] + relative @ frames.rotation[0].T
+    # The products are those of NumPy, to the last bit.
+    assert np.array_equal(SEA.world_velocities(TIMES[0], position, velocity), expected)
