@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.numbered_positions import loads_at_rest
 from cranedyn.lifts.judging.plan_checks import (
     KMH,
-    bearing_pressure,
+    governing_pressure,
     sling_force,
     wind_text,
 )
@@ -145,11 +145,12 @@ def _details_rows(analysis: LiftAnalysis) -> list[Row]:
     if leg is not None:
         used = f"{100.0 * leg.utilisation:.0f} %"
         rows.append(["used of a sling's working load", used, "100 %"])
-    pressure = bearing_pressure(analysis)
+    largest = governing_pressure(analysis)
     permitted = analysis.site.details.ground.permitted_pressure
-    if pressure is not None and permitted is not None:
+    if largest is not None and permitted is not None:
         shown = f"{permitted / 1e3:g} kPa"
-        rows.append(["pressure on the ground, calm air", f"{pressure / 1e3:.0f} kPa", shown])
+        name = f"pressure on the ground, {largest.case}"
+        rows.append([name, f"{largest.pressure / 1e3:.0f} kPa", shown])
     return rows
 
 

@@ -21,7 +21,7 @@ from cranedyn.lifts.judging.plan_checks import (
     wind_text,
 )
 from cranedyn.lifts.judging.table import place_text
-from cranedyn.lifts.planning.plan_details import LiftInShift, Slings
+from cranedyn.lifts.planning.plan_details import CraneDocuments, LiftInShift, Slings
 from cranedyn.lifts.planning.rigging import leg_limit
 
 COUNTING_FIELDS = (
@@ -276,7 +276,6 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     bears = ground.permitted_pressure
     papers = analysis.site.details.crane
     in_service = papers.corner_in_service
-    out_of_service = papers.corner_out_of_service
     fields = [
         *_corner_fields(analysis),
         PlanField(
@@ -289,7 +288,7 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
         ),
         PlanField(
             "By the papers, out of service",
-            None if out_of_service is None else kilonewtons(out_of_service),
+            _out_of_service_text(papers),
         ),
         PlanField("Permitted force", None if force is None else kilonewtons(force)),
         PlanField("Mat below each corner", mat),
@@ -301,6 +300,16 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("From", ground.pressure_source),
     ]
     return FieldGroup("Ground", fields)
+
+
+def _out_of_service_text(papers: CraneDocuments) -> str | None:
+    """Return the force of a corner out of service, or that it is not judged with how the crane is
+    left; None if neither is entered.
+    """
+    if papers.corner_out_of_service is not None:
+        return kilonewtons(papers.corner_out_of_service)
+    left = papers.out_of_service
+    return None if left is None else f"not judged: {left}"
 
 
 def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:

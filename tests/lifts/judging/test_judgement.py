@@ -396,7 +396,16 @@ def test_a_load_that_stands_is_not_said_to_hang_where_it_was_not_simulated() -> 
     assert row[1] == "hanging, standing (set-down not simulated)"
     sentences = report_page.limits_of(made)
     assert "The load hangs where picking up would be; that is not in this lift." in sentences
-    assert "Not simulated, since the plan has no certificate: setting down." in sentences
+    not_held = replace(made, certificate=replace(made.certificate, checks=(Check("No.", False),)))
+    sentences = report_page.limits_of(not_held)
+    assert "Not simulated: setting down; the plan has no certificate." in sentences
+    # Of another crane than a tower crane that is the reason, whatever its certificate says.
+    other: Any = SimpleNamespace(clearance=SimpleNamespace(site=made.site))
+    of_chain = replace(made, certificate=replace(made.certificate, lift=other))
+    assert (
+        "Not simulated: setting down; they are simulated for tower cranes only."
+        in report_page.limits_of(of_chain)
+    )
 
 
 def test_the_middle_of_a_load_that_hangs_beside_it_slews_with_the_load() -> None:

@@ -3,17 +3,21 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cranedyn.assumptions import Origin
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.judgement import judge
 from cranedyn.lifts.judging.loads import loads_of_rows
+from cranedyn.lifts.planning.lift import crane_of
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
 from cranedyn.lifts.planning.site import CRANE_HEADING, Base
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.model.crane import STANDARD_GRAVITY as G
@@ -95,6 +99,39 @@ def test_the_chart_of_the_page_is_read_with_its_table(street: Path) -> None:
     assert chart.booms(6) == [11.0, 18.0, 24.0, 30.0, 35.6]
     # Between 24 and 30 m the smaller load counts: that of 30 m at 12 m, that of 24 m at 20 m.
     assert chart.on(6, 28.0).at(np.array([12.0, 20.0])).tolist() == [9000.0, 4200.0]
+
+
+def test_values_of_a_crane_of_this_package_are_entered_or_estimated_as_its_site_says(
+    street: Path,
+) -> None:
+    """The masses of the mobile crane are all entered here; its carrier does not move."""
+    masses = {
+        **{"carrier_mass": 12600.0, "upper_mass": 4500.0, "counterweight": 4990.0},
+        **{"boom_mass": 2200.0, "section_1_mass": 1300.0},
+        **{"section_2_mass": 950.0, "section_3_mass": 800.0},
+    }
+    site = replace(
+        read_site(street),
+        crane={**masses, "payload_mass": 3000.0, "luff_effort": 3.5e6},
+        estimated=frozenset({"[crane.values] boom_mass"}),
+    )
+    crane = crane_of(site)
+    assert site.limits is not None
+    made = plan_assumptions(site, crane, site.limits)
+    values = {a.origin: a.value for a in made if a.name == "values of the crane"}
+    assert values[Origin.ESTIMATED] == "boom mass 2,200 kg"
+    assert "carrier mass 12,600 kg" in values[Origin.ENTERED]
+    found = {a.name: a for a in made}
+    assert found["largest efforts of the drives"].value == "luff effort 3,500 kN m"
+    total = found["masses of the crane's description"]
+    assert total.origin is Origin.COMPUTED
+    # With the two links of the model between the swing joints, of 30 kg each.
+    assert total.value == "14,800 kg in all that moves, without the load"
+    del masses["section_3_mass"]
+    less = replace(site, crane={**masses, "payload_mass": 3000.0})
+    found = {a.name: a for a in plan_assumptions(less, crane_of(less), site.limits)}
+    total = found["masses of the crane's description"]
+    assert total.origin is Origin.SHIPPED and "as shipped: section 3 mass 1,300 kg" in total.value
 
 
 MASS = 3600.0

@@ -31,6 +31,7 @@ from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
 from cranedyn.lifts.judging.lift_tables import tables
 from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
+    bearing_pressure,
     centre_between_lifting_points,
     corner_range,
     ground_bears,
@@ -264,8 +265,15 @@ def test_a_permitted_pressure_takes_the_place_of_a_permitted_force() -> None:
         (300e3, 380e3, True, "with 300 kN in service and 380 kN out of service, wind on the crane"),
         (300e3, 401e3, False, "400 kN permitted"),
         (401e3, 300e3, False, "400 kN permitted"),
-        (300e3, None, None, "[crane] lacks corner_out_of_service"),
-        (None, 300e3, None, "[crane] lacks corner_in_service"),
+        (300e3, None, None, "400 kN permitted. Out of service it is not judged: [crane] lacks"),
+        (
+            401e3,
+            None,
+            False,
+            "with 401 kN in service, wind on the crane included; 400 kN permitted",
+        ),
+        (None, 300e3, None, "400 kN permitted. In service it is not judged: [crane] lacks"),
+        (None, 401e3, False, "400 kN permitted"),
     ],
 )
 def test_the_ground_bears_what_the_papers_have_with_wind(
@@ -275,6 +283,42 @@ def test_the_ground_bears_what_the_papers_have_with_wind(
     crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
     check = papers_bear(planned(crane=crane))
     assert check is not None and check.holds is holds and words in check.sentence
+
+
+@pytest.mark.parametrize(("in_service", "holds"), [(300e3, True), (401e3, False), (None, None)])
+def test_a_crane_that_is_laid_down_needs_no_force_out_of_service(
+    in_service: float | None, holds: bool | None
+) -> None:
+    crane = CraneDocuments(corner_in_service=in_service, out_of_service="boom laid down")
+    made = planned(crane=crane)
+    check = papers_bear(made)
+    if in_service is None:
+        assert check is None
+    else:
+        assert check is not None and check.holds is holds
+        assert "Out of service it is not judged; the crane is left so: boom laid down." in (
+            check.sentence
+        )
+    ground = next(group for group in field_groups(made) if group.title == "Ground")
+    values = {entry.label: entry.value for entry in ground.fields}
+    assert values["By the papers, out of service"] == "not judged: boom laid down"
+
+
+def test_the_first_page_has_the_largest_pressure_that_is_known() -> None:
+    """On mats of 2 by 1.5 m; without wind a corner presses with less than 100 kN per m²."""
+    ground = GroundDetails(200e3, None, 2.0, 1.5)
+    calm = bearing_pressure(planned(ground=ground))
+    assert calm is not None and calm < 100e3
+    for in_service, out_of_service, row in (
+        (None, None, ["calm air", f"{calm / 1e3:.0f} kPa"]),
+        (330e3, None, ["in service, papers", "110 kPa"]),
+        (330e3, 360e3, ["out of service, papers", "120 kPa"]),
+        (3e3, None, ["calm air", f"{calm / 1e3:.0f} kPa"]),
+    ):
+        crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
+        numbers = tables(planned(ground=ground, crane=crane))[0]
+        (found,) = [r for r in numbers.rows if str(r[0]).startswith("pressure on the ground")]
+        assert found == [f"pressure on the ground, {row[0]}", row[1], "200 kPa"]
 
 
 def test_the_pressure_with_wind_is_that_of_the_papers_on_the_mat() -> None:
@@ -295,7 +339,7 @@ def test_the_first_page_says_that_forces_on_the_ground_are_without_wind(
     monkeypatch.setattr(Judgement, "figures", {})
     crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
     for found, words in (
-        (bare(), "in service with wind, and out of service, is not judged"),
+        (bare(), "With wind, in service and out of service, the ground is not judged"),
         (planned(crane=crane), "those of its papers count"),
     ):
         page = unescape(Judgement(found, run_checks(found)).html())
