@@ -64,12 +64,15 @@ def not_checked(analysis: LiftAnalysis, checks: Sequence[Check]) -> list[str]:
         checks: All checks that were made, those of `plan_checks` among them.
     """
     made = {check.name for check in checks}
-    on_rails = LoadJoints.of(analysis.crane).travel is not None
+    joints = LoadJoints.of(analysis.crane)
+    on_rails = joints.travel is not None
+    has_boom = joints.has_boom
     sentences = []
     for function, sentence in PLAN_CHECKS.items():
         # A crane on rails has wheel loads in the place of a pressure on the ground.
         of_ground = function in (ground_bears, papers_bear)
-        applies = bool(sentence) and not (of_ground and on_rails)
+        left_out = (of_ground and on_rails) or (function is headroom and has_boom)
+        applies = bool(sentence) and not left_out
         if applies and function.__name__ not in made:
             sentences.append(sentence)
     return sentences
@@ -264,11 +267,12 @@ def hook_height(analysis: LiftAnalysis) -> float | None:
 
 def headroom(analysis: LiftAnalysis) -> Check | None:
     """Check that the hook stays below the largest height that it can have by the papers of the
-    crane, less the error of the cable length.
+    crane, less the error of the cable length. The hook of a boom crane has no largest height that
+    is the same at all radii.
     """
     largest = analysis.site.details.crane.height_under_hook
-    if largest is None:
-        return None
+    if largest is None or LoadJoints.of(analysis.crane).has_boom:
+        return None  # of a boom crane `rope_above_hook_block` is the check
     needed = hook_height(analysis)
     if needed is None:
         return Check(
@@ -296,15 +300,28 @@ def rope_above_hook_block(analysis: LiftAnalysis) -> Check | None:
             "of slings and spreader does not follow from what is entered.",
             None,
         )
+    left = rope_left(analysis)
+    assert left is not None  # as both heights are known
+    error = analysis.inputs.spread.cable
+    return Check(
+        f"Above the hook block {left:.2f} m of rope are left at least; the cable may be wrong by "
+        f"{error:g} m.",
+        left >= error,
+    )
+
+
+def rope_left(analysis: LiftAnalysis) -> float | None:
+    """Return the least length of rope above the hook block in the planned motion [m]; None if the
+    height of block or rigging is not known.
+    """
+    details = analysis.site.details
+    rigging = rigging_height(details)
+    if rigging is None or details.hook_block_height is None:
+        return None
     clearance = analysis.certificate.lift.clearance
     shortest = float(np.min(clearance.cable(analysis.certificate.run.q)))
     hangs = attachment_height(details, clearance.bodies.load) + rigging + details.hook_block_height
-    error = analysis.inputs.spread.cable
-    return Check(
-        f"Above the hook block {shortest - hangs:.2f} m of rope are left at least; the cable may "
-        f"be wrong by {error:g} m.",
-        shortest - hangs >= error,
-    )
+    return shortest - hangs
 
 
 # --- ground ---------------------------------------------------------------------------------------

@@ -236,7 +236,7 @@ def test_each_sheet_has_room_for_the_digest_and_the_number_of_its_page() -> None
     found = scene()
     mark = PlanMark("ab" * 32, 1, "lift.json")
     page = lift_html(found, [], tables(found.analysis), [], plan=mark)
-    assert '@bottom-left { content: "Revision 1 · digest abababababab"' in page
+    assert '@bottom-left { content: "Record, revision 1 · digest abababababab"' in page
     made = sheets(found)
     assert 0.0 < SHEET_FOOT < MARGIN
     for sheet in made:

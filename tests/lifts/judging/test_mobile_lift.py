@@ -15,6 +15,7 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.judgement import judge
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads_of_rows
 from cranedyn.lifts.planning.lift import crane_of
 from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
@@ -81,6 +82,12 @@ def test_outriggers_of_a_crane_at_rest_press_as_statics_by_hand_say(
     assert fixed["corner_1_N"][0] != pytest.approx(corners[0], rel=1e-3)
 
 
+def test_a_crane_that_slews_and_has_no_trolley_has_a_boom() -> None:
+    assert LoadJoints.of(held()).has_boom
+    assert not LoadJoints.of(load_crane()).has_boom
+    assert not LoadJoints.of(load_crane(XACRO.with_name("overhead_crane.urdf.xacro"))).has_boom
+
+
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
     """The site of the page, with its chart and its table beside it."""
@@ -144,6 +151,12 @@ def test_a_lift_over_a_building_is_a_go_as_statics_by_hand_say(street: Path) -> 
     assert judgement.go, judgement.reasons
     page = judgement.html()
     assert "telescoping under load is not planned" in page
+    # The words of a boom crane, and no headroom by one largest height of the hook.
+    for words in ("Elevation in the plane of the boom", "<dt>Boom length</dt>"):
+        assert words in page
+    assert "<dt>Block below the boom head, at least</dt>" in page
+    assert "Headroom" not in page and "height_under_hook" not in page
+    assert "boom: from" in page and "upper, with its tail: from" in page
     analysis = judgement.analysis
     assert analysis.utilisation is not None
     # The farthest point is the goal, 14.4 m away, where the load arrives and stays.

@@ -28,7 +28,7 @@ from cranedyn.lifts.judging.lift_checks import (
     wind_borne,
 )
 from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
-from cranedyn.lifts.judging.lift_tables import tables
+from cranedyn.lifts.judging.lift_tables import at_least, tables
 from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
@@ -45,7 +45,13 @@ from cranedyn.lifts.judging.plan_checks import (
     slings_bear,
     spreader_bears,
 )
-from cranedyn.lifts.judging.plan_fields import PlanField, field_groups
+from cranedyn.lifts.judging.plan_fields import (
+    PlanField,
+    counting_assumptions,
+    field_groups,
+    identification,
+    other_assumptions,
+)
 from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
 from cranedyn.lifts.judging.sequence import lift_steps
 from cranedyn.lifts.planning.clearance import Nearest
@@ -386,8 +392,78 @@ def test_the_least_limit_of_the_wind_counts() -> None:
         check = gust_below_all_limits(found)
         assert check is not None and check.holds is holds and whose in check.sentence
         rows = wind_bounds_table(found).rows
-        assert [row[1] for row in rows] == sorted([maker, site, 8.0])
-        assert str(rows[0][0]).endswith("the least that is known")
+        # The least has a row of its own before the three.
+        assert rows[0][:2] == ["the least that is known: stop here", min(maker, site, 8.0)]
+        assert [row[1] for row in rows[1:]] == sorted([maker, site, 8.0])
+
+
+def test_limits_of_other_makers_are_left_out_beside_that_of_this_crane() -> None:
+    for maker, is_there in ((9.0, False), (None, True)):
+        made = {
+            table.title: table for table in tables(planned(crane=CraneDocuments(wind_limit=maker)))
+        }
+        names = [str(row[0]) for row in made["Wind limits in comparison"].rows]
+        assert any("a maker's manual" in name for name in names) is is_there
+
+
+def test_what_counts_on_the_day_is_what_people_can_watch() -> None:
+    made = judge_inputs_entered()
+    watched = {assumption.field for assumption in counting_assumptions(made)}
+    assert {"[lift] swing", "[lift] distance", "[wind] gust", "[uncertainty] wind"} <= watched
+    others = {assumption.field for assumption in other_assumptions(made)}
+    assert {"[lift] risk", "[uncertainty] delay", "[uncertainty] cable"} <= others
+
+
+def judge_inputs_entered() -> LiftAnalysis:
+    """The lift with all of its assumptions entered."""
+    made = bare()
+    entered = [replace(a, origin=Origin.ENTERED) for a in made.inputs.assumptions]
+    return replace(made, inputs=replace(made.inputs, assumptions=tuple(entered)))
+
+
+def test_a_distance_that_suffices_is_said_to_be_a_bound() -> None:
+    assert at_least(0.5, 0.5) == "at least 0.50"
+    assert at_least(0.49, 0.5) == "0.49"
+    wind = bare().wind
+    assert wind is not None
+    near = replace(wind, worst={**wind.worst, "clearance": np.array([2.0, 0.1])})
+    (table,) = [t for t in tables(replace(bare(), wind=near)) if t.title == "Wind"]
+    column = [header for header, _ in table.columns].index("clearance [m]")
+    assert [row[column] for row in table.rows] == ["at least 2.00", "0.10"]
+
+
+def test_the_people_at_both_ends_are_fields_to_fill_in() -> None:
+    people = People(receiver="R. Eceiver", guard="G. Uard", second_signaller="S. Econd")
+    for entered, values in (
+        (people, ["G. Uard", "R. Eceiver", "S. Econd"]),
+        (People(), [None, None, None]),
+    ):
+        group = field_groups(planned(people=entered))[-1]
+        named = {entry.label: entry.value for entry in group.fields}
+        labels = ("Guards the exclusion zone", "Receives the load", "Second signaller")
+        assert [named[label] for label in labels] == values
+
+
+def test_the_job_has_its_revision_and_its_crane() -> None:
+    made = planned(job=Job(revision="A"), crane=CraneDocuments(maker="Terex", type="T340"))
+    named = {entry.label: entry.value for entry in identification(made).fields}
+    assert named["Revision of the job"] == "A" and named["Crane"] == "Terex T340"
+
+
+def test_parts_that_move_above_the_rope_have_their_least_distance() -> None:
+    """Jib and trolley of the crane over the wall, from the highest solid of the site."""
+    (table,) = [t for t in tables(bare()) if t.title == "Clearances"]
+    named = {str(row[0]): row[1] for row in table.rows}
+    assert "jib, with its tail: from wall" in named, named
+    clearance_of_lift = bare().certificate.lift.clearance
+    expected = min(
+        clearance_of_lift.nearest_to_structure(q)["jib"].distance
+        for q in bare().certificate.run.q[::10]
+    )
+    assert named["jib, with its tail: from wall"] == pytest.approx(expected, abs=0.01)
+    assert "for this motion of the drives alone" in table.note
+    assert "slings, spreader and tag lines are neither in this proof" in table.note
+    assert "drives that move at other times" in sequence_table(bare()).note
 
 
 def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
@@ -402,7 +478,7 @@ def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
     check = wind_borne(blown)
     assert check.sentence.endswith("The first limit is clearance, between load and wall.")
     rows = wind_bounds_table(blown).rows
-    assert str(rows[0][0]).startswith("this load, by its area (clearance between load and wall)")
+    assert str(rows[1][0]).startswith("this load, by its area (clearance between load and wall)")
 
 
 def test_a_site_may_allow_less_of_the_chart_than_a_limiter() -> None:

@@ -41,6 +41,7 @@ from cranedyn.lifts.judging.drawings.swept import (
     swept_areas,
     unit_in_plan,
 )
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.numbered_positions import (
     LoadsAtRest,
     Position,
@@ -655,9 +656,10 @@ def elevation_view(scene: LiftScene) -> Drawing:
     primitives.append(
         Label("ground", (low[0] + 3.0, site.ground - 0.5 * _EDGE), f"ground {site.ground:+.1f} m")
     )
-    title = "Elevation in the plane of the jib" if turns else "Elevation, cross section"
+    arm = "boom" if LoadJoints.of(scene.analysis.crane).has_boom else "jib"
+    title = f"Elevation in the plane of the {arm}" if turns else "Elevation, cross section"
     axes = ("radius", "height") if turns else ("across", "height")
-    notes = (*_position_notes(scene), *_elevation_notes(turns=turns))
+    notes = (*_position_notes(scene), *_elevation_notes(arm, turns=turns))
     return Drawing("elevation", title, tuple(primitives), low, high, None, axes, notes)
 
 
@@ -698,15 +700,15 @@ def _frame_with_ground(scene: LiftScene, primitives: list[Primitive]) -> tuple[P
     return low, high
 
 
-def _elevation_notes(*, turns: bool) -> list[str]:
+def _elevation_notes(arm: str, *, turns: bool) -> list[str]:
     """Return sentences that say how the elevation is projected."""
     if turns:
         return [
             "All positions are turned about the slew axis into one plane. Of the obstacles those "
-            "parts are drawn that jib or load pass over or come near to, as boxes from their least "
-            "to their largest radius there. What stands elsewhere, or behind the crane, is on the "
-            "plan only. What stands of the crane is drawn square on; its widths are those of the "
-            "model."
+            f"parts are drawn that {arm} or load pass over or come near to, as boxes from their "
+            "least to their largest radius there. What stands elsewhere, or behind the crane, is "
+            "on the plan only. What stands of the crane is drawn square on; its widths are those "
+            "of the model."
         ]
     return ["All is projected along the runway, also what stands before or behind the load."]
 
