@@ -482,8 +482,9 @@ class Clearance(ABC):
         """
         least: dict[str, float] = {}
         for body, field, moving in self._placed_structure(q):
-            distance = field.least(moving) + moving.inflated
-            least[body] = min(least.get(body, distance), distance)
+            if len(field):
+                distance = field.least(moving) + moving.inflated
+                least[body] = min(least.get(body, distance), distance)
         return least
 
     def nearest_to_structure(self, q: np.ndarray) -> dict[str, Nearest]:

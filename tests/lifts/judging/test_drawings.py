@@ -34,9 +34,12 @@ from cranedyn.lifts.judging.drawings.sheet import (
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import (
     MAX_NAMED,
+    _outlines,
     across_runway,
+    elevation_sketch,
     elevation_view,
     plan_view,
+    plane_at,
     standing_outlines,
 )
 from cranedyn.lifts.judging.lift_tables import tables
@@ -315,6 +318,18 @@ def test_the_steps_of_the_sequence_add_up_to_the_lift() -> None:
 
 def test_the_cross_section_of_a_bridge_is_the_plane_of_its_trolley() -> None:
     np.testing.assert_allclose(np.abs(across_runway(clearance("overhead"))), [0.0, 1.0], atol=1e-9)
+
+
+def test_each_rope_of_a_sketch_hangs_from_the_crane_at_its_position() -> None:
+    """The trolley of the crane is elsewhere at each of both positions."""
+    made = scene()
+    for index in range(len(made.positions) - 1):
+        sketch = elevation_sketch(made, index).primitives
+        for i in (index, index + 1):
+            plane = plane_at(made, i)
+            moving = _outlines("crane", [plane.flat(body) for body in made.shapes[i].moving])
+            for outline in moving:
+                assert outline in sketch
 
 
 def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:

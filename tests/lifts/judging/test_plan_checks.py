@@ -421,6 +421,22 @@ def judge_inputs_entered() -> LiftAnalysis:
     return replace(made, inputs=replace(made.inputs, assumptions=tuple(entered)))
 
 
+def test_the_first_page_counts_what_was_entered_and_lists_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All of it has no room there beside the reasons of a plan that is not complete."""
+    monkeypatch.setattr(Judgement, "figures", {})
+    made = bare()
+    page = unescape(Judgement(made, run_checks(made)).html())
+    cover = page[: page.index("Sign-off")]
+    others = other_assumptions(made)
+    entered = [a for a in others if a.origin is Origin.ENTERED]
+    assert f"and on {len(entered)} more that were entered" in cover
+    for assumption in others:
+        listed = f"{assumption.name}: {assumption.value}" in cover
+        assert listed is (assumption.origin is not Origin.ENTERED), assumption
+
+
 def test_a_distance_that_suffices_is_said_to_be_a_bound() -> None:
     assert at_least(0.5, 0.5) == "at least 0.50"
     assert at_least(0.49, 0.5) == "0.49"
@@ -464,6 +480,15 @@ def test_parts_that_move_above_the_rope_have_their_least_distance() -> None:
     assert "for this motion of the drives alone" in table.note
     assert "slings, spreader and tag lines are neither in this proof" in table.note
     assert "drives that move at other times" in sequence_table(bare()).note
+
+
+def test_a_site_without_obstacles_has_no_distances_of_the_structure() -> None:
+    clearance_of_lift = clearance()
+    q = clearance_of_lift.q(np.array([0.0, 8.0, 5.0]))
+    assert "jib" not in clearance_of_lift.least_of_structure(q)
+    assert clearance_of_lift.least_of_structure(q).keys() == (
+        clearance_of_lift.nearest_to_structure(q).keys()
+    )
 
 
 def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:

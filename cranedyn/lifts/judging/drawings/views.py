@@ -668,13 +668,12 @@ def elevation_sketch(scene: LiftScene, index: int) -> Drawing:
     primitives: list[Primitive] = []
     for outlines in scene.solids_in_elevation:
         primitives += outlines[:-1]  # without its name
-    shape = scene.shapes[index + 1]
-    plane = plane_at(scene, index + 1)
     primitives += _outlines("crane", standing_outlines(scene))
-    primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
     for i in (index, index + 1):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
+        # At both ends, since a boom that luffs is elsewhere at each, and its rope hangs from it.
+        primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
         primitives += _area("load", hull_of(plane.flat(shape.load)))
         primitives.append(_rope(plane, shape))
         centre = as_point(plane.flat(shape.centre))
