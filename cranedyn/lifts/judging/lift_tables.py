@@ -16,7 +16,7 @@ from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.numbered_positions import loads_at_rest
 from cranedyn.lifts.judging.plan_checks import (
     KMH,
-    bearing_pressure,
+    governing_pressure,
     sling_force,
     wind_text,
 )
@@ -67,6 +67,13 @@ _PERTURBED_TITLE = "Perturbed lifts"
 _OF_COMMAND = (_LOADS_TITLE, _CLEARANCES_TITLE, _GUSTS_TITLE, _PERTURBED_TITLE)
 """Titles of the tables of simulated numbers, whose notes name the command that makes them again."""
 
+_WITH_TAIL = ("jib", "upper")
+"""Parts of the cranes of this project that carry a counter-jib or a counterweight behind them."""
+
+_COARSE_ROWS = 4
+"""Of so many rows of a motion one is looked at first for the least distance of the structure, and
+then those beside the best."""
+
 SUMMARY_TITLE = "In numbers"
 """Title of the table of the numbers that decide."""
 
@@ -96,7 +103,9 @@ def tables(analysis: LiftAnalysis) -> list[Table]:
     if analysis.wind is not None:
         slews = "radius_m" in analysis.loads.values
         result.append(_wind(analysis.wind))
-        result.append(_limits_in_use(analysis.wind, slews=slews))
+        # Limits of other makers beside that of this crane's invite to take the wrong one.
+        in_use = slews and analysis.site.details.crane.wind_limit is None
+        result.append(_limits_in_use(analysis.wind, in_use=in_use))
     if analysis.perturbed is not None:
         result.append(_robustness(analysis, analysis.perturbed))
     return result
@@ -145,11 +154,12 @@ def _details_rows(analysis: LiftAnalysis) -> list[Row]:
     if leg is not None:
         used = f"{100.0 * leg.utilisation:.0f} %"
         rows.append(["used of a sling's working load", used, "100 %"])
-    pressure = bearing_pressure(analysis)
+    largest = governing_pressure(analysis)
     permitted = analysis.site.details.ground.permitted_pressure
-    if pressure is not None and permitted is not None:
+    if largest is not None and permitted is not None:
         shown = f"{permitted / 1e3:g} kPa"
-        rows.append(["pressure on the ground, calm air", f"{pressure / 1e3:.0f} kPa", shown])
+        name = f"pressure on the ground, {largest.case}"
+        rows.append([name, f"{largest.pressure / 1e3:.0f} kPa", shown])
     return rows
 
 
@@ -166,7 +176,14 @@ def perturbed_distance(analysis: LiftAnalysis) -> str:
     if not len(distances):
         return "-"
     least = float(distances.min())
-    return f"{least:.2f} m" + (" or more" if least >= perturbed.required else "")
+    return f"{at_least(least, perturbed.required)} m"
+
+
+def at_least(distance: float, required: float) -> str:
+    """Return a distance of a simulated lift to read [m]. One that suffices is not measured further,
+    and is a lower bound.
+    """
+    return f"{'at least ' if distance >= required else ''}{distance:.2f}"
 
 
 def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
@@ -356,16 +373,41 @@ def _clearances(analysis: LiftAnalysis) -> Table:
         k = int(distance.argmin())
         required = "kept out of" if name in zones else f"{analysis.site.distance:g}"
         rows.append([name, float(distance[k]), float(certificate.t[k]), required])
+    rows += _structure_rows(analysis)
     columns = [("obstacle", ""), ("least [m]", ".2f"), ("at [s]", ".1f"), ("required [m]", "")]
     clearance = certificate.lift.clearance
     envelope = clearance.envelope(float(np.max(clearance.cable(certificate.run.q))))
     swing = math.degrees(analysis.site.swing)
     note = (
-        "Of all that hangs; proven between the instants (docs/concepts/planning.md). The plan "
-        f"keeps an envelope of {envelope:.2f} m about it clear besides, for a swing of "
-        f"{swing:.3g}°."
+        "Of all that hangs, and of each part of the crane that moves above the rope where it is "
+        "named; proven between the instants (docs/concepts/planning.md), for this motion of the "
+        f"drives alone. The plan keeps an envelope of {envelope:.2f} m about what hangs clear "
+        f"besides, for a swing of {swing:.3g}°. Rope, hook block and load are what hangs: slings, "
+        "spreader and tag lines are neither in this proof nor in the drawings of the motion."
     )
     return Table(_CLEARANCES_TITLE, columns, rows, note)
+
+
+def _structure_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the least distance of each part of the crane that moves above the rope from what
+    stands, the nearest first.
+    """
+    certificate = analysis.certificate
+    clearance = certificate.lift.clearance
+    q = certificate.run.q
+    zones = {solid.name for solid in analysis.site.solids if solid.zone}
+    coarse = [clearance.least_of_structure(row) for row in q[::_COARSE_ROWS]]
+    rows: list[Row] = []
+    for part in coarse[0]:
+        middle = _COARSE_ROWS * int(np.argmin([least[part] for least in coarse]))
+        about = range(max(middle - _COARSE_ROWS, 0), min(middle + _COARSE_ROWS + 1, len(q)))
+        k = min(about, key=lambda i: clearance.least_of_structure(q[i])[part])
+        nearest = clearance.nearest_to_structure(q[k])[part]
+        named = f"{part}, with its tail" if part in _WITH_TAIL else part
+        name = f"{named}: from {nearest.obstacle}"
+        required = "kept out of" if nearest.obstacle in zones else f"{analysis.site.distance:g}"
+        rows.append([name, nearest.distance, float(certificate.run.t[k]), required])
+    return sorted(rows, key=lambda row: float(row[1] or 0.0))
 
 
 def _factors(analysis: LiftAnalysis) -> Table:
@@ -439,7 +481,7 @@ def _wind(limit: WindLimit) -> Table:
         values: Row = [
             100.0 * float(worst["utilisation"][i]),
             math.degrees(worst["swing"][i]),
-            float(worst["clearance"][i]),
+            at_least(float(worst["clearance"][i]), limit.allowed["clearance"]),
         ]
         broken = [name for name in limit.allowed if not limit.kept(name)[i]]
         beyond = "fails" if failed else ", ".join(broken) or "none"
@@ -452,12 +494,12 @@ def _wind(limit: WindLimit) -> Table:
         ("pressure [Pa]", ".0f"),
         ("utilisation %", ".1f"),
         ("rope from plumb [°]", ".1f"),
-        ("clearance [m]", ".2f"),
+        ("clearance [m]", ""),
         ("beyond its limit", ""),
     ]
     note = (
         f"{limit_text(limit)} The worst of {limit.lifts} lifts in all, wind on the load alone. "
-        "Clearance: at least. A gust rises from a mean wind of "
+        "A gust rises from a mean wind of "
         f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}."
     )
     return Table(_GUSTS_TITLE, columns, rows, note)
@@ -483,20 +525,20 @@ def limit_text(limit: WindLimit) -> str:
     )
 
 
-def _limits_in_use(limit: WindLimit, *, slews: bool) -> Table:
+def _limits_in_use(limit: WindLimit, *, in_use: bool) -> Table:
     """Tabulate the gust of each limit of this lift beside those that standards have in general.
 
     Args:
         limit: The limits of this lift.
-        slews: Whether the crane slews.
+        in_use: Whether to name limits that are in use for other cranes.
     """
     named: list[tuple[str, float, str]] = []
     for name in limit.allowed:
         named.append((f"{name} of this lift", limit.limit(name), "this page"))
     # These are in use for tower and mobile cranes; a bridge may be in a hall.
-    operating = wind_standards.OPERATING if slews else {}
+    operating = wind_standards.OPERATING if in_use else {}
     for name, speed in operating.items():
-        named.append((f"in use: {name}", speed, _SECOND_HAND))
+        named.append((f"in use for other cranes: {name}", speed, _SECOND_HAND))
     for name, speed in wind_standards.IN_SERVICE.items():
         named.append((f"in service, {name} winds", speed, f"AS 5222:2021, {_SECOND_HAND}"))
     rows: list[Row] = [[name, speed, KMH * speed, source] for name, speed, source in named]
@@ -523,7 +565,10 @@ def _robustness(analysis: LiftAnalysis, perturbed: Perturbed) -> Table:
             f"probability of either, {confidence} [%]",
             f"{100.0 * low:.3f} to {100.0 * high:.3f}",
         ],
-        ["least distance [m]", f"{distances.min():.2f}" if len(distances) else "-"],
+        [
+            "least distance [m]",
+            at_least(float(distances.min()), perturbed.required) if len(distances) else "-",
+        ],
         ["swing after, at most [mrad]", f"{1e3 * swings.max():.1f}" if len(swings) else "-"],
     ]
     note = (

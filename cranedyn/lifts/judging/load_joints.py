@@ -36,6 +36,11 @@ class LoadJoints:
     travel: int | None
     pivot: int | None
 
+    @property
+    def has_boom(self) -> bool:
+        """Whether the crane slews and has no trolley: its rope hangs from the head of a boom."""
+        return self.slew is not None and self.trolley is None
+
     @classmethod
     def of(cls, crane: Crane) -> LoadJoints:
         """Return those of a crane.

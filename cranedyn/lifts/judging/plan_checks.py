@@ -20,6 +20,7 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.planning.plan_assumptions import in_words
+from cranedyn.lifts.planning.plan_details import CraneDocuments
 from cranedyn.lifts.planning.rigging import (
     attachment_height,
     counted_legs,
@@ -63,12 +64,15 @@ def not_checked(analysis: LiftAnalysis, checks: Sequence[Check]) -> list[str]:
         checks: All checks that were made, those of `plan_checks` among them.
     """
     made = {check.name for check in checks}
-    on_rails = LoadJoints.of(analysis.crane).travel is not None
+    joints = LoadJoints.of(analysis.crane)
+    on_rails = joints.travel is not None
+    has_boom = joints.has_boom
     sentences = []
     for function, sentence in PLAN_CHECKS.items():
         # A crane on rails has wheel loads in the place of a pressure on the ground.
         of_ground = function in (ground_bears, papers_bear)
-        applies = bool(sentence) and not (of_ground and on_rails)
+        left_out = (of_ground and on_rails) or (function is headroom and has_boom)
+        applies = bool(sentence) and not left_out
         if applies and function.__name__ not in made:
             sentences.append(sentence)
     return sentences
@@ -263,11 +267,12 @@ def hook_height(analysis: LiftAnalysis) -> float | None:
 
 def headroom(analysis: LiftAnalysis) -> Check | None:
     """Check that the hook stays below the largest height that it can have by the papers of the
-    crane, less the error of the cable length.
+    crane, less the error of the cable length. The hook of a boom crane has no largest height that
+    is the same at all radii.
     """
     largest = analysis.site.details.crane.height_under_hook
-    if largest is None:
-        return None
+    if largest is None or LoadJoints.of(analysis.crane).has_boom:
+        return None  # of a boom crane `rope_above_hook_block` is the check
     needed = hook_height(analysis)
     if needed is None:
         return Check(
@@ -295,15 +300,28 @@ def rope_above_hook_block(analysis: LiftAnalysis) -> Check | None:
             "of slings and spreader does not follow from what is entered.",
             None,
         )
+    left = rope_left(analysis)
+    assert left is not None  # as both heights are known
+    error = analysis.inputs.spread.cable
+    return Check(
+        f"Above the hook block {left:.2f} m of rope are left at least; the cable may be wrong by "
+        f"{error:g} m.",
+        left >= error,
+    )
+
+
+def rope_left(analysis: LiftAnalysis) -> float | None:
+    """Return the least length of rope above the hook block in the planned motion [m]; None if the
+    height of block or rigging is not known.
+    """
+    details = analysis.site.details
+    rigging = rigging_height(details)
+    if rigging is None or details.hook_block_height is None:
+        return None
     clearance = analysis.certificate.lift.clearance
     shortest = float(np.min(clearance.cable(analysis.certificate.run.q)))
     hangs = attachment_height(details, clearance.bodies.load) + rigging + details.hook_block_height
-    error = analysis.inputs.spread.cable
-    return Check(
-        f"Above the hook block {shortest - hangs:.2f} m of rope are left at least; the cable may "
-        f"be wrong by {error:g} m.",
-        shortest - hangs >= error,
-    )
+    return shortest - hangs
 
 
 # --- ground ---------------------------------------------------------------------------------------
@@ -383,16 +401,10 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
     known = {name: force for name, force in named.items() if force is not None}
     if not known:
         return None
-    missing = [name for name in named if name not in known]
-    if missing:
-        return Check(
-            f"The ground with wind on the crane is not judged {missing[0]}: [crane] lacks "
-            f"corner_{missing[0].replace(' ', '_')}.",
-            None,
-        )
     largest = max(known.values())
     forces = " and ".join(f"{force / 1e3:.0f} kN {name}" for name, force in known.items())
     sentence = f"By the crane's papers a corner presses with {forces}, wind on the crane included"
+    lacks, needed = _not_in_papers(papers)
     base = analysis.site.base
     permitted_force = None if base is None else base.permitted
     ground = analysis.site.details.ground
@@ -403,7 +415,7 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
         holds = largest <= permitted_force
     if ground.permitted_pressure is not None:
         if ground.mat_length is None or ground.mat_width is None:
-            return Check(f"{sentence}; not judged, since [ground] lacks mat.", None)
+            return Check(f"{sentence}; not judged, since [ground] lacks mat.{lacks}", None)
         pressure = largest / (ground.mat_length * ground.mat_width)
         limits.append(
             f"{pressure / 1e3:.0f} kPa below a mat, {ground.permitted_pressure / 1e3:g} kPa "
@@ -413,10 +425,34 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
     if not limits:
         return Check(
             f"{sentence}; not judged, since neither [base] permitted nor [ground] "
-            "permitted_pressure is entered.",
+            f"permitted_pressure is entered.{lacks}",
             None,
         )
-    return Check(f"{sentence}; {'; '.join(limits)}.", holds)
+    # What is entered can fail; that it holds says nothing of what is not.
+    judged = None if holds and needed else holds
+    return Check(f"{sentence}; {'; '.join(limits)}.{lacks}", judged)
+
+
+def _not_in_papers(papers: CraneDocuments) -> tuple[str, bool]:
+    """Return which force of a corner is not entered, as sentences with a space before them, and
+    whether it must be: not that out of service where it is entered in words how the crane is left,
+    such as with its boom laid down.
+    """
+    sentences = []
+    needed = False
+    if papers.corner_in_service is None:
+        sentences.append("In service it is not judged: [crane] lacks corner_in_service.")
+        needed = True
+    if papers.corner_out_of_service is None:
+        left = papers.out_of_service
+        if left is None:
+            sentences.append(
+                "Out of service it is not judged: [crane] lacks corner_out_of_service."
+            )
+            needed = True
+        else:
+            sentences.append(f"Out of service it is not judged; the crane is left so: {left}.")
+    return "".join(f" {sentence}" for sentence in sentences), needed
 
 
 def ground_caveat(analysis: LiftAnalysis) -> str:
@@ -427,12 +463,52 @@ def ground_caveat(analysis: LiftAnalysis) -> str:
         return ""
     papers = analysis.site.details.crane
     sentence = "Computed forces and pressures on the ground are without wind on the crane"
-    if papers.corner_in_service is None or papers.corner_out_of_service is None:
-        return (
-            f"{sentence}: the ground in service with wind, and out of service, is not judged. Take "
-            "the forces of the corners from the crane's papers."
-        )
-    return f"{sentence}; with wind, in service and out of service, those of its papers count."
+    named = {"in service": papers.corner_in_service, "out of service": papers.corner_out_of_service}
+    known = [name for name, force in named.items() if force is not None]
+    missing = [name for name, force in named.items() if force is None]
+    if known:
+        sentence += f"; with wind, {' and '.join(known)}, those of its papers count"
+    if not missing:
+        return f"{sentence}."
+    if missing == ["out of service"] and papers.out_of_service is not None:
+        return f"{sentence}. Out of service is not judged: {papers.out_of_service}."
+    return (
+        f"{sentence}. With wind, {' and '.join(missing)}, the ground is not judged: take the "
+        "forces of the corners from the crane's papers."
+    )
+
+
+class GroundPressure(NamedTuple):
+    """The largest pressure below a mat that is known.
+
+    Attributes:
+        pressure: The pressure [Pa].
+        case: Which it is, in words.
+    """
+
+    pressure: float
+    case: str
+
+
+def governing_pressure(analysis: LiftAnalysis) -> GroundPressure | None:
+    """Return the largest pressure below a mat: of the computed force, which is without wind on the
+    crane, and of those of the crane's papers; None if none is known.
+    """
+    ground = analysis.site.details.ground
+    papers = analysis.site.details.crane
+    known = []
+    calm = bearing_pressure(analysis)
+    if calm is not None:
+        known.append(GroundPressure(calm, "calm air"))
+    if ground.mat_length is not None and ground.mat_width is not None:
+        area = ground.mat_length * ground.mat_width
+        if papers.corner_in_service is not None:
+            known.append(GroundPressure(papers.corner_in_service / area, "in service, papers"))
+        if papers.corner_out_of_service is not None:
+            known.append(
+                GroundPressure(papers.corner_out_of_service / area, "out of service, papers")
+            )
+    return max(known, default=None)
 
 
 # --- wind -----------------------------------------------------------------------------------------

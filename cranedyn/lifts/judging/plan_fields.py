@@ -13,22 +13,28 @@ import numpy as np
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_positions import largest_wheel_force
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
     corner_range,
     hook_height,
+    rope_left,
     sling_force,
     wind_text,
 )
 from cranedyn.lifts.judging.table import place_text
-from cranedyn.lifts.planning.plan_details import LiftInShift, Slings
+from cranedyn.lifts.planning.plan_details import CraneDocuments, LiftInShift, Slings
 from cranedyn.lifts.planning.rigging import leg_limit
 
 COUNTING_FIELDS = (
-    *("[uncertainty]", "[load] source", "[load] area", "[lift]", "[wind]", "[drives] rates"),
+    *("[uncertainty] mass", "[uncertainty] wind", "[uncertainty] gust"),
+    *("[load] source", "[load] area", "[lift] swing", "[lift] distance"),
+    *("[wind]", "[drives] rates"),
+    *("--wind", "--swing", "--falls", "--chart"),
 )
-"""Beginnings of the fields that enter what may turn out otherwise on the day of the lift: what the
-people on the site can watch."""
+"""Beginnings of the fields and options that enter what may turn out otherwise on the day of the
+lift: what the people on the site can watch. A delay of the sensors, an error of the measured cable
+or a probability nobody sees."""
 
 
 @dataclass(frozen=True)
@@ -60,13 +66,15 @@ class FieldGroup:
 def identification(analysis: LiftAnalysis) -> FieldGroup:
     """Return which lift the plan is for."""
     job = analysis.site.details.job
+    papers = analysis.site.details.crane
     fields = [
         PlanField("Site", job.site),
         PlanField("Client", job.client),
         PlanField("What is lifted", job.title),
         PlanField("Lift number", job.number),
         PlanField("Date of the lift", job.date),
-        PlanField("Revision", job.revision),
+        PlanField("Revision of the job", job.revision),
+        PlanField("Crane", " ".join(part for part in (papers.maker, papers.type) if part) or None),
     ]
     return FieldGroup("Identification", fields)
 
@@ -92,7 +100,7 @@ def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
     assumptions = analysis.inputs.assumptions
     defaults = [a for a in assumptions if a.origin is Origin.DEFAULT]
     others = [a for a in assumptions if a.origin is not Origin.DEFAULT]
-    return defaults + [a for a in others if a.field.startswith((*COUNTING_FIELDS, "--"))]
+    return defaults + [a for a in others if a.field.startswith(COUNTING_FIELDS)]
 
 
 def other_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
@@ -170,11 +178,6 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
     spreader = details.spreader
     masses = analysis.site.rigging
     leg = sling_force(analysis)
-    height = hook_height(analysis)
-    room = None
-    largest = details.crane.height_under_hook
-    if height is not None and largest is not None:
-        room = f"{largest - height:.2f} m"
     fields = [
         PlanField("Slings", slings.type),
         PlanField("Number of legs", None if slings.number is None else f"{slings.number}"),
@@ -189,15 +192,31 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
             "Height of the hook block",
             None if details.hook_block_height is None else f"{details.hook_block_height:g} m",
         ),
-        PlanField("Headroom", room),
+        _headroom(analysis),
+        PlanField("Tag lines", details.tag_lines),
     ]
-    fields.append(PlanField("Tag lines", details.tag_lines))
     if spreader is None:
         fields.append(PlanField("Spreader", "none entered"))
     else:
         limit = "WLL not entered" if spreader.limit is None else f"WLL {tonnes(spreader.limit)}"
         fields.append(PlanField("Spreader", f"{spreader.name or 'unnamed'}, {limit}"))
     return FieldGroup("Rigging", fields)
+
+
+def _headroom(analysis: LiftAnalysis) -> PlanField:
+    """Return how far the hook stays below its largest height; of a boom crane, whose hook has
+    another largest height at each radius, how far its block stays below the head of the boom.
+    """
+    if LoadJoints.of(analysis.crane).has_boom:
+        left = rope_left(analysis)
+        return PlanField(
+            "Block below the boom head, at least", None if left is None else f"{left:.2f} m"
+        )
+    height = hook_height(analysis)
+    largest = analysis.site.details.crane.height_under_hook
+    if height is None or largest is None:
+        return PlanField("Headroom", None)
+    return PlanField("Headroom", f"{largest - height:.2f} m")
 
 
 def _sling_limits(slings: Slings) -> list[PlanField]:
@@ -219,6 +238,7 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     crane = analysis.site.details.crane
     chart = analysis.chart
     slews = "radius_m" in analysis.loads.values
+    has_boom = LoadJoints.of(analysis.crane).has_boom
     limit = crane.wind_limit
     fields = [
         PlanField("Maker", crane.maker),
@@ -229,7 +249,8 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     # A crane that does not slew has neither a jib nor a counter-ballast.
     if slews or crane.jib_length is not None:
         length = None if crane.jib_length is None else f"{crane.jib_length:g} m"
-        fields.append(PlanField("Length of the jib", length))
+        name = "Boom length" if has_boom else "Length of the jib"
+        fields.append(PlanField(name, length))
     # What the chart asks for is the same mass, by another name.
     ballast = crane.counter_ballast
     if ballast is None:
@@ -243,7 +264,13 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
     height = crane.height_under_hook
     fields += [
         PlanField("Falls", None if analysis.inputs.falls is None else f"{analysis.inputs.falls}"),
-        PlanField("Height under hook", None if height is None else f"{height:g} m"),
+    ]
+    # The largest height of the hook of a boom crane differs from radius to radius.
+    if not has_boom or height is not None:
+        shown = None if height is None else f"{height:g} m"
+        name = "Height under hook, not judged" if has_boom else "Height under hook"
+        fields.append(PlanField(name, shown))
+    fields += [
         PlanField("Load chart", None if chart is None else chart.name),
         PlanField("Page of the chart", crane.chart_page),
         PlanField("Date of the chart", crane.chart_date),
@@ -276,7 +303,6 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
     bears = ground.permitted_pressure
     papers = analysis.site.details.crane
     in_service = papers.corner_in_service
-    out_of_service = papers.corner_out_of_service
     fields = [
         *_corner_fields(analysis),
         PlanField(
@@ -289,7 +315,7 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
         ),
         PlanField(
             "By the papers, out of service",
-            None if out_of_service is None else kilonewtons(out_of_service),
+            _out_of_service_text(papers),
         ),
         PlanField("Permitted force", None if force is None else kilonewtons(force)),
         PlanField("Mat below each corner", mat),
@@ -301,6 +327,16 @@ def _ground(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("From", ground.pressure_source),
     ]
     return FieldGroup("Ground", fields)
+
+
+def _out_of_service_text(papers: CraneDocuments) -> str | None:
+    """Return the force of a corner out of service, or that it is not judged with how the crane is
+    left; None if neither is entered.
+    """
+    if papers.corner_out_of_service is not None:
+        return kilonewtons(papers.corner_out_of_service)
+    left = papers.out_of_service
+    return None if left is None else f"not judged: {left}"
 
 
 def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
@@ -331,6 +367,9 @@ def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
     fields = [
         PlanField("Exclusion zone", details.exclusion),
         *stands_in_zone,
+        PlanField("Guards the exclusion zone", details.people.guard),
+        PlanField("Receives the load", details.people.receiver),
+        PlanField("Second signaller", details.people.second_signaller),
         PlanField("Communication", details.people.communication),
         PlanField("Trial lift", details.trial_lift),
         PlanField("Over people or a public way", yes_or_no(limits.over_people)),

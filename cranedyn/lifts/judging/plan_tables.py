@@ -71,14 +71,17 @@ def _capacity(position: LiftPosition) -> Row:
 
 
 def wind_bounds_table(analysis: LiftAnalysis) -> Table:
-    """Return the winds in which the lift stops, the least first, and how the wind is measured. A
-    limit that is not known is an empty line, to be filled in by hand, or not judged.
+    """Return the winds in which the lift stops, first the least in a row of its own, and how the
+    wind is measured. A limit that is not known is an empty line, to be filled in by hand, or not
+    judged.
     """
     bounds = wind_bounds(analysis)
     rows: list[Row] = []
+    if bounds:
+        least = bounds[0].gust
+        rows.append(["the least that is known: stop here", least, KMH * least])
     for bound in bounds:
-        first = "" if bound is not bounds[0] else ", the least that is known"
-        rows.append([f"{_whose(analysis, bound.source)}{first}", bound.gust, KMH * bound.gust])
+        rows.append([_whose(analysis, bound.source), bound.gust, KMH * bound.gust])
     known = [bound.source for bound in bounds]
     for source in (MAKER, SITE):
         if source not in known:
@@ -136,6 +139,8 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     spoken = people.communication or BLANK
     note = (
         "Positions as numbered on the drawings; times from the beginning of the lift. They speak "
-        f"by: {spoken}."
+        f"by: {spoken}. The proof of the distances holds for this motion alone: drives that move "
+        "at other times, in another order or at other speeds take the load along another way, "
+        "which is not proven."
     )
     return Table(SEQUENCE_TITLE, columns, rows, note)

@@ -46,7 +46,7 @@ from cranedyn.lifts.judging.plan_tables import (
     WIND_TITLE,
 )
 from cranedyn.lifts.judging.table import Table
-from cranedyn.lifts.planning.ground_lift import stands_at
+from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import drag_area
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
@@ -290,9 +290,9 @@ def _limits_of_the_ends(analysis: LiftAnalysis) -> list[str]:
             f"The load hangs where {' and '.join(hanging)} would be; that is not in this lift."
         )
     if not_simulated:
-        sentences.append(
-            f"Not simulated, since the plan has no certificate: {' and '.join(not_simulated)}."
-        )
+        certificate = analysis.certificate
+        why = not_grounded(certificate.lift, certified=certificate.holds)
+        sentences.append(f"Not simulated: {' and '.join(not_simulated)}; {why}.")
     return sentences
 
 

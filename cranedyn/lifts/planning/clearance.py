@@ -31,7 +31,7 @@ import pinocchio as pin
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.lifts.planning.crane_bodies import CraneParts, HangingBodies
 from cranedyn.lifts.planning.fields import Body, Field, Placed
-from cranedyn.lifts.planning.site import GROUND, Site
+from cranedyn.lifts.planning.site import GROUND, HANGING, Site
 from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.model.crane import Crane
 
@@ -474,6 +474,36 @@ class Clearance(ABC):
             for field, moving in self._placed_jib(q):
                 compare("jib", field, moving)
         return nearest
+
+    def least_of_structure(self, q: np.ndarray) -> dict[str, float]:
+        """Return the least distance of each part of the crane that drives move above the rope, such
+        as boom and superstructure with its tail, from what stands [m], by name of the part, at
+        coordinates of all joints, shape (n,); empty if there is nothing to compare with.
+        """
+        least: dict[str, float] = {}
+        for body, field, moving in self._placed_structure(q):
+            if len(field):
+                distance = field.least(moving) + moving.inflated
+                least[body] = min(least.get(body, distance), distance)
+        return least
+
+    def nearest_to_structure(self, q: np.ndarray) -> dict[str, Nearest]:
+        """Return the nearest obstacle to each part of `least_of_structure`, by name of the part."""
+        nearest: dict[str, Nearest] = {}
+        for body, field, moving in self._placed_structure(q):
+            for name, distance in field.distances(moving).items():
+                pair = Nearest(distance + moving.inflated, body, name)
+                nearest[body] = min(nearest.get(body, pair), pair)
+        return nearest
+
+    def _placed_structure(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
+        """Yield the parts of the crane that drives move above the rope, as `_placed`."""
+        # A body stays at its place only until the next one is asked for.
+        for body, field, moving in itertools.chain(self._placed(q), self._placed_near_own(q)):
+            if body not in HANGING:
+                yield body, field, moving
+        for field, moving in self._placed_jib(q):
+            yield "jib", field, moving
 
     def nearest(self, q: np.ndarray, *, count_zones: bool = False) -> Nearest:
         """Return the pair of body and obstacle with the least margin at coordinates of all joints,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +13,9 @@ from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.errors import ModelError
 from cranedyn.lifts.planning.site import DISTANCE, SWING, Site
 from cranedyn.model.crane import Crane
+from cranedyn.model.description import Argument
 from cranedyn.model.description import arguments as description_arguments
+from cranedyn.model.machines import read_machine
 from cranedyn.references.limits import Limits
 
 MAX_LISTED = 8
@@ -103,20 +105,76 @@ def _of_crane(site: Site, crane: Crane) -> Iterator[Assumption]:
         kind = described.kind or f"machine {described.machine}"
         arguments = site.crane
     if kind:
-        value = f"the {kind} crane of this package"
-        origin = Origin.SHIPPED
-        if arguments:
-            changed = ", ".join(f"{name} {x:g}" for name, x in sorted(arguments.items()))
-            value = f"{value} with {changed}"
+        yield from _values_of_crane(site, crane, arguments or {}, f"the {kind} crane")
     else:
-        value = crane.model.name
-        origin = Origin.ENTERED
-    yield Assumption("crane", value, origin, "[crane] values")
+        yield Assumption("crane", crane.model.name, Origin.ENTERED, "[crane] values")
     if site.telescope:
         length = "" if site.boom is None else f"{site.boom:.6g} m, "
         value = f"{length}held during the lift; telescoping under load is not planned"
         yield Assumption("length of the boom", value, Origin.ENTERED, "[crane] boom")
     yield Assumption("gravity", f"{crane.gravity:g} m/s²", Origin.ASSUMED)
+
+
+def _values_of_crane(
+    site: Site, crane: Crane, arguments: Mapping[str, object], kind: str
+) -> Iterator[Assumption]:
+    """Yield what was entered of a crane of this package, and that the rest is as it is shipped.
+
+    Args:
+        site: The site.
+        crane: The crane.
+        arguments: Values of the crane that differ from its defaults, by name.
+        kind: Which crane of this package it is, in words.
+    """
+    known = _arguments_of(site)
+    efforts = [f"{joint.role or joint.symbol}_effort" for joint in crane.layout.driven]
+    elsewhere = {"payload_mass", "counterweight", "counter_jib", "falls", *efforts}
+    if site.is_tower:
+        elsewhere |= MASS_ARGUMENTS.keys()
+    entered: list[str] = []
+    estimated: list[str] = []
+    for name in sorted(arguments.keys() - elsewhere):
+        is_estimate = f"[crane.values] {name}" in site.estimated
+        (estimated if is_estimate else entered).append(name)
+    of_drives = [name for name in efforts if name in arguments]
+    rest = "crane"
+    value = f"{kind} of this package"
+    if entered or estimated or of_drives:
+        rest = "what is not entered of the crane"
+        value = f"as that of {kind} of this package"
+    yield Assumption(rest, value, Origin.SHIPPED, "[crane.values]")
+    for names in (entered, estimated):
+        if names:
+            field = f"[crane.values] {', '.join(names)}"
+            texts = [_argument_text(name, arguments[name], known) for name in names]
+            origin = Origin.ENTERED if names is entered else Origin.ESTIMATED
+            yield Assumption("values of the crane", ", ".join(texts), origin, field)
+    if of_drives:
+        texts = [_argument_text(name, arguments[name], known) for name in of_drives]
+        yield Assumption(
+            "largest efforts of the drives", ", ".join(texts), Origin.ENTERED, "[drives] efforts"
+        )
+
+
+def _arguments_of(site: Site) -> dict[str, Argument]:
+    """Return the arguments of the crane of this package that stands on a site, by name."""
+    described = site.description
+    path = None if described is None else described.urdf
+    if described is not None and described.machine is not None:
+        path = read_machine(described.machine).urdf
+    return description_arguments() if path is None else description_arguments(path)
+
+
+def _argument_text(name: str, value: object, known: Mapping[str, Argument]) -> str:
+    """Return the value of an argument of a crane in words, with its unit: "boom mass 2,200 kg"."""
+    words = name.replace("_", " ")
+    if not isinstance(value, int | float):
+        return f"{words} {value}"
+    unit = known[name].unit.replace("^2", "²") if name in known else ""
+    if unit in ("N", "N m") and abs(value) >= 1e4:
+        value = value / 1e3
+        unit = f"k{unit}"
+    return f"{words} {value:,.6g} {unit}".rstrip()
 
 
 def _of_structure(site: Site, crane: Crane) -> Iterator[Assumption]:
@@ -161,11 +219,16 @@ def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
     the site enters and those that it leaves as they are shipped, and of another one their sum.
     """
     if not isinstance(crane.record.get("arguments"), dict) or not site.is_tower:
-        # Pinocchio counts bodies from 1; the last one is the load.
-        moving = sum(inertia.mass for inertia in crane.model.inertias) - crane.payload_mass
-        is_entered = site.description is not None and site.description.file is not None
-        origin = Origin.SHIPPED if site.description and not is_entered else Origin.ENTERED
+        # Pinocchio counts bodies from 1, and has in 0 what does not move, such as a carrier; the
+        # last one is the load.
+        moving = sum(inertia.mass for inertia in crane.model.inertias[1:]) - crane.payload_mass
         value = f"{moving:,.0f} kg in all that moves, without the load"
+        origin = Origin.ENTERED
+        if site.description is not None and site.description.file is None:
+            shipped = _shipped_masses(site)
+            origin = Origin.SHIPPED if shipped else Origin.COMPUTED
+            if shipped:
+                value = f"{value}; as shipped: {', '.join(shipped)}"
         yield Assumption("masses of the crane's description", value, origin, "[crane]")
         return
     known = description_arguments()
@@ -183,6 +246,20 @@ def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
         yield Assumption(
             "masses of the crane as shipped", ", ".join(shipped), Origin.SHIPPED, "[crane.values]"
         )
+
+
+def _shipped_masses(site: Site) -> list[str]:
+    """Return the masses of a crane of this package that the site does not enter, in words."""
+    known = _arguments_of(site)
+    # The load and the rope have their own entries, and the links between the swing joints of a
+    # model are no parts of a crane.
+    others = ("payload_mass", "rope_mass", "dummy_mass")
+    texts = []
+    for name, argument in known.items():
+        is_mass = name == "counterweight" or name.endswith("_mass")
+        if is_mass and name not in site.crane and name not in others:
+            texts.append(_argument_text(name, float(argument.default), known))
+    return texts
 
 
 def _of_load(site: Site, crane: Crane) -> Iterator[Assumption]:

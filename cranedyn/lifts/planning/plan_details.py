@@ -62,6 +62,9 @@ class People:
         operator: The operator of the crane.
         slinger: Who attaches the load.
         signaller: Who directs the operator.
+        second_signaller: Who directs the operator where the first one does not see the load.
+        receiver: Who receives the load where it is set down.
+        guard: Who keeps people out of the exclusion zone.
         communication: How they speak to each other, such as "radio, channel 4".
     """
 
@@ -72,6 +75,9 @@ class People:
     operator: str | None = None
     slinger: str | None = None
     signaller: str | None = None
+    second_signaller: str | None = None
+    receiver: str | None = None
+    guard: str | None = None
     communication: str | None = None
 
 

@@ -24,14 +24,22 @@ from cranedyn.lifts.judging.drawings import LiftScene, NoDxf, sheets, write_draw
 from cranedyn.lifts.judging.drawings.drawing import Arc, Dimension, Drawing, Label, Polyline
 from cranedyn.lifts.judging.drawings.labels import place_texts, text_width
 from cranedyn.lifts.judging.drawings.outlines import crane_shapes
-from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_stack
-from cranedyn.lifts.judging.drawings.sheet import MARGIN, DrawingTooLarge, choose_layout
+from cranedyn.lifts.judging.drawings.rigging_sketch import rigging_sheet, rigging_stack
+from cranedyn.lifts.judging.drawings.sheet import (
+    MARGIN,
+    DrawingTooLarge,
+    TitleBlock,
+    choose_layout,
+)
 from cranedyn.lifts.judging.drawings.swept import throw_distance
 from cranedyn.lifts.judging.drawings.views import (
     MAX_NAMED,
+    _outlines,
     across_runway,
+    elevation_sketch,
     elevation_view,
     plan_view,
+    plane_at,
     standing_outlines,
 )
 from cranedyn.lifts.judging.lift_tables import tables
@@ -42,6 +50,7 @@ from cranedyn.lifts.judging.sequence import motion_steps
 from cranedyn.lifts.planning.crane_bodies import collision_bodies
 from cranedyn.lifts.planning.plan_details import (
     GroundDetails,
+    Job,
     LoadDetails,
     PlanDetails,
     Slings,
@@ -230,7 +239,7 @@ def test_each_sheet_has_room_for_the_digest_and_the_number_of_its_page() -> None
     found = scene()
     mark = PlanMark("ab" * 32, 1, "lift.json")
     page = lift_html(found, [], tables(found.analysis), [], plan=mark)
-    assert '@bottom-left { content: "Revision 1 · digest abababababab"' in page
+    assert '@bottom-left { content: "Record, revision 1 · digest abababababab"' in page
     made = sheets(found)
     assert 0.0 < SHEET_FOOT < MARGIN
     for sheet in made:
@@ -311,6 +320,18 @@ def test_the_cross_section_of_a_bridge_is_the_plane_of_its_trolley() -> None:
     np.testing.assert_allclose(np.abs(across_runway(clearance("overhead"))), [0.0, 1.0], atol=1e-9)
 
 
+def test_each_rope_of_a_sketch_hangs_from_the_crane_at_its_position() -> None:
+    """The trolley of the crane is elsewhere at each of both positions."""
+    made = scene()
+    for index in range(len(made.positions) - 1):
+        sketch = elevation_sketch(made, index).primitives
+        for i in (index, index + 1):
+            plane = plane_at(made, i)
+            moving = _outlines("crane", [plane.flat(body) for body in made.shapes[i].moving])
+            for outline in moving:
+                assert outline in sketch
+
+
 def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:
     points = ((-1.0, -0.5, 0.75), (1.2, -0.5, 0.75), (1.0, 0.5, 0.75), (-1.0, 0.5, 0.75))
     angle = math.radians(30.0)
@@ -326,6 +347,29 @@ def test_headroom_is_told_only_where_all_of_it_was_entered() -> None:
     # The load is a cube of a metre, its lifting points 0.75 m above its middle.
     headroom = rigging_stack(replace(site, details=known)).headroom
     assert headroom == pytest.approx(1.2 + 0.4 + 4.0 * math.cos(angle) + 1.25)
+
+
+def test_the_sketch_of_the_rigging_has_the_whole_load_also_above_its_lifting_points() -> None:
+    """A load of 2 m, lifted by points 0.3 m above its middle, of which it rises 0.7 m above."""
+    points = ((-0.4, 0.0, 0.3), (0.4, 0.0, 0.3))
+    details = PlanDetails(
+        load=LoadDetails(lifting_points=points, centre=(0.2, 0.0, -0.1)),
+        slings=Slings(angle=math.radians(20.0), length=3.0),
+    )
+    corners = np.array(list(itertools.product((-0.5, 0.5), (-1.0, 1.0), (-1.0, 1.0))))
+    site = replace(small().site, load=corners, details=details)
+    sheet = rigging_sheet(site, TitleBlock("site", Job(), None, 1, 1))
+    page = ET.fromstring(sheet.svg)
+    (load,) = (box for box in page.iter(f"{SVG}rect") if box.get("fill") == "#f0a04b")
+    left, top, width, height = (float(load.get(key)) for key in ("x", "y", "width", "height"))
+    assert height == pytest.approx(2.0 * width, abs=0.01)
+    middle = (left + width / 2.0, top + height / 2.0)
+    circles = [(float(c.get("cx")), float(c.get("cy")), c) for c in page.iter(f"{SVG}circle")]
+    places = [((x - middle[0]) / width, (middle[1] - y) / width) for x, y, _ in circles]
+    for expected in ((-0.4, 0.3), (0.4, 0.3), (0.2, -0.1)):
+        assert any(np.allclose(place, expected, atol=1e-3) for place in places), expected
+    texts = " ".join(text.text or "" for text in page.iter(f"{SVG}text"))
+    assert "of which 1.30 m below" in texts
 
 
 def test_a_zone_and_a_name_that_is_markup_are_drawn_as_what_they_are() -> None:

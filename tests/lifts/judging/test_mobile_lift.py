@@ -3,17 +3,22 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from cranedyn.assumptions import Origin
 from cranedyn.dynamics.equations_of_motion import holding_effort
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.chart import read_chart
 from cranedyn.lifts.judging.judgement import judge
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import loads_of_rows
+from cranedyn.lifts.planning.lift import crane_of
+from cranedyn.lifts.planning.plan_assumptions import plan_assumptions
 from cranedyn.lifts.planning.site import CRANE_HEADING, Base
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.model.crane import STANDARD_GRAVITY as G
@@ -77,6 +82,12 @@ def test_outriggers_of_a_crane_at_rest_press_as_statics_by_hand_say(
     assert fixed["corner_1_N"][0] != pytest.approx(corners[0], rel=1e-3)
 
 
+def test_a_crane_that_slews_and_has_no_trolley_has_a_boom() -> None:
+    assert LoadJoints.of(held()).has_boom
+    assert not LoadJoints.of(load_crane()).has_boom
+    assert not LoadJoints.of(load_crane(XACRO.with_name("overhead_crane.urdf.xacro"))).has_boom
+
+
 @pytest.fixture
 def street(tmp_path: Path) -> Path:
     """The site of the page, with its chart and its table beside it."""
@@ -97,6 +108,39 @@ def test_the_chart_of_the_page_is_read_with_its_table(street: Path) -> None:
     assert chart.on(6, 28.0).at(np.array([12.0, 20.0])).tolist() == [9000.0, 4200.0]
 
 
+def test_values_of_a_crane_of_this_package_are_entered_or_estimated_as_its_site_says(
+    street: Path,
+) -> None:
+    """The masses of the mobile crane are all entered here; its carrier does not move."""
+    masses = {
+        **{"carrier_mass": 12600.0, "upper_mass": 4500.0, "counterweight": 4990.0},
+        **{"boom_mass": 2200.0, "section_1_mass": 1300.0},
+        **{"section_2_mass": 950.0, "section_3_mass": 800.0},
+    }
+    site = replace(
+        read_site(street),
+        crane={**masses, "payload_mass": 3000.0, "luff_effort": 3.5e6},
+        estimated=frozenset({"[crane.values] boom_mass"}),
+    )
+    crane = crane_of(site)
+    assert site.limits is not None
+    made = plan_assumptions(site, crane, site.limits)
+    values = {a.origin: a.value for a in made if a.name == "values of the crane"}
+    assert values[Origin.ESTIMATED] == "boom mass 2,200 kg"
+    assert "carrier mass 12,600 kg" in values[Origin.ENTERED]
+    found = {a.name: a for a in made}
+    assert found["largest efforts of the drives"].value == "luff effort 3,500 kN m"
+    total = found["masses of the crane's description"]
+    assert total.origin is Origin.COMPUTED
+    # With the two links of the model between the swing joints, of 30 kg each.
+    assert total.value == "14,800 kg in all that moves, without the load"
+    del masses["section_3_mass"]
+    less = replace(site, crane={**masses, "payload_mass": 3000.0})
+    found = {a.name: a for a in plan_assumptions(less, crane_of(less), site.limits)}
+    total = found["masses of the crane's description"]
+    assert total.origin is Origin.SHIPPED and "as shipped: section 3 mass 1,300 kg" in total.value
+
+
 MASS = 3600.0
 """Load with hook and slings of the site [kg]."""
 
@@ -107,6 +151,12 @@ def test_a_lift_over_a_building_is_a_go_as_statics_by_hand_say(street: Path) -> 
     assert judgement.go, judgement.reasons
     page = judgement.html()
     assert "telescoping under load is not planned" in page
+    # The words of a boom crane, and no headroom by one largest height of the hook.
+    for words in ("Elevation in the plane of the boom", "<dt>Boom length</dt>"):
+        assert words in page
+    assert "<dt>Block below the boom head, at least</dt>" in page
+    assert "Headroom" not in page and "height_under_hook" not in page
+    assert "boom: from" in page and "upper, with its tail: from" in page
     analysis = judgement.analysis
     assert analysis.utilisation is not None
     # The farthest point is the goal, 14.4 m away, where the load arrives and stays.

@@ -234,9 +234,15 @@ def test_a_crane_of_this_package_is_called_shipped_with_what_was_entered_of_it(h
     site = read_site(hall)
     crane = crane_of(site)
     assert site.limits is not None
-    of_crane = plan_assumptions(site, crane, site.limits)[0]
-    assert of_crane.origin is Origin.SHIPPED
-    assert of_crane.value.startswith("the overhead crane of this package with bridge_effort 50000")
+    found = {a.name: a for a in plan_assumptions(site, crane, site.limits)}
+    rest = found["what is not entered of the crane"]
+    assert rest.origin is Origin.SHIPPED
+    assert rest.value == "as that of the overhead crane of this package"
+    efforts = found["largest efforts of the drives"]
+    assert efforts.origin is Origin.ENTERED
+    assert efforts.value.startswith("bridge effort 50 kN, trolley effort 20 kN")
+    masses = found["masses of the crane's description"]
+    assert masses.origin is Origin.SHIPPED and "as shipped: " in masses.value
 
 
 def test_drives_of_another_crane_are_entered_in_its_order_and_units(tmp_path: Path) -> None:

@@ -28,9 +28,10 @@ from cranedyn.lifts.judging.lift_checks import (
     wind_borne,
 )
 from cranedyn.lifts.judging.lift_positions import lift_category, lift_positions
-from cranedyn.lifts.judging.lift_tables import tables
+from cranedyn.lifts.judging.lift_tables import at_least, tables
 from cranedyn.lifts.judging.numbered_positions import numbered_positions
 from cranedyn.lifts.judging.plan_checks import (
+    bearing_pressure,
     centre_between_lifting_points,
     corner_range,
     ground_bears,
@@ -44,7 +45,13 @@ from cranedyn.lifts.judging.plan_checks import (
     slings_bear,
     spreader_bears,
 )
-from cranedyn.lifts.judging.plan_fields import PlanField, field_groups
+from cranedyn.lifts.judging.plan_fields import (
+    PlanField,
+    counting_assumptions,
+    field_groups,
+    identification,
+    other_assumptions,
+)
 from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
 from cranedyn.lifts.judging.sequence import lift_steps
 from cranedyn.lifts.planning.clearance import Nearest
@@ -264,8 +271,15 @@ def test_a_permitted_pressure_takes_the_place_of_a_permitted_force() -> None:
         (300e3, 380e3, True, "with 300 kN in service and 380 kN out of service, wind on the crane"),
         (300e3, 401e3, False, "400 kN permitted"),
         (401e3, 300e3, False, "400 kN permitted"),
-        (300e3, None, None, "[crane] lacks corner_out_of_service"),
-        (None, 300e3, None, "[crane] lacks corner_in_service"),
+        (300e3, None, None, "400 kN permitted. Out of service it is not judged: [crane] lacks"),
+        (
+            401e3,
+            None,
+            False,
+            "with 401 kN in service, wind on the crane included; 400 kN permitted",
+        ),
+        (None, 300e3, None, "400 kN permitted. In service it is not judged: [crane] lacks"),
+        (None, 401e3, False, "400 kN permitted"),
     ],
 )
 def test_the_ground_bears_what_the_papers_have_with_wind(
@@ -275,6 +289,42 @@ def test_the_ground_bears_what_the_papers_have_with_wind(
     crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
     check = papers_bear(planned(crane=crane))
     assert check is not None and check.holds is holds and words in check.sentence
+
+
+@pytest.mark.parametrize(("in_service", "holds"), [(300e3, True), (401e3, False), (None, None)])
+def test_a_crane_that_is_laid_down_needs_no_force_out_of_service(
+    in_service: float | None, holds: bool | None
+) -> None:
+    crane = CraneDocuments(corner_in_service=in_service, out_of_service="boom laid down")
+    made = planned(crane=crane)
+    check = papers_bear(made)
+    if in_service is None:
+        assert check is None
+    else:
+        assert check is not None and check.holds is holds
+        assert "Out of service it is not judged; the crane is left so: boom laid down." in (
+            check.sentence
+        )
+    ground = next(group for group in field_groups(made) if group.title == "Ground")
+    values = {entry.label: entry.value for entry in ground.fields}
+    assert values["By the papers, out of service"] == "not judged: boom laid down"
+
+
+def test_the_first_page_has_the_largest_pressure_that_is_known() -> None:
+    """On mats of 2 by 1.5 m; without wind a corner presses with less than 100 kN per m²."""
+    ground = GroundDetails(200e3, None, 2.0, 1.5)
+    calm = bearing_pressure(planned(ground=ground))
+    assert calm is not None and calm < 100e3
+    for in_service, out_of_service, row in (
+        (None, None, ["calm air", f"{calm / 1e3:.0f} kPa"]),
+        (330e3, None, ["in service, papers", "110 kPa"]),
+        (330e3, 360e3, ["out of service, papers", "120 kPa"]),
+        (3e3, None, ["calm air", f"{calm / 1e3:.0f} kPa"]),
+    ):
+        crane = CraneDocuments(corner_in_service=in_service, corner_out_of_service=out_of_service)
+        numbers = tables(planned(ground=ground, crane=crane))[0]
+        (found,) = [r for r in numbers.rows if str(r[0]).startswith("pressure on the ground")]
+        assert found == [f"pressure on the ground, {row[0]}", row[1], "200 kPa"]
 
 
 def test_the_pressure_with_wind_is_that_of_the_papers_on_the_mat() -> None:
@@ -295,7 +345,7 @@ def test_the_first_page_says_that_forces_on_the_ground_are_without_wind(
     monkeypatch.setattr(Judgement, "figures", {})
     crane = CraneDocuments(corner_in_service=240e3, corner_out_of_service=300e3)
     for found, words in (
-        (bare(), "in service with wind, and out of service, is not judged"),
+        (bare(), "With wind, in service and out of service, the ground is not judged"),
         (planned(crane=crane), "those of its papers count"),
     ):
         page = unescape(Judgement(found, run_checks(found)).html())
@@ -342,8 +392,103 @@ def test_the_least_limit_of_the_wind_counts() -> None:
         check = gust_below_all_limits(found)
         assert check is not None and check.holds is holds and whose in check.sentence
         rows = wind_bounds_table(found).rows
-        assert [row[1] for row in rows] == sorted([maker, site, 8.0])
-        assert str(rows[0][0]).endswith("the least that is known")
+        # The least has a row of its own before the three.
+        assert rows[0][:2] == ["the least that is known: stop here", min(maker, site, 8.0)]
+        assert [row[1] for row in rows[1:]] == sorted([maker, site, 8.0])
+
+
+def test_limits_of_other_makers_are_left_out_beside_that_of_this_crane() -> None:
+    for maker, is_there in ((9.0, False), (None, True)):
+        made = {
+            table.title: table for table in tables(planned(crane=CraneDocuments(wind_limit=maker)))
+        }
+        names = [str(row[0]) for row in made["Wind limits in comparison"].rows]
+        assert any("a maker's manual" in name for name in names) is is_there
+
+
+def test_what_counts_on_the_day_is_what_people_can_watch() -> None:
+    made = judge_inputs_entered()
+    watched = {assumption.field for assumption in counting_assumptions(made)}
+    assert {"[lift] swing", "[lift] distance", "[wind] gust", "[uncertainty] wind"} <= watched
+    others = {assumption.field for assumption in other_assumptions(made)}
+    assert {"[lift] risk", "[uncertainty] delay", "[uncertainty] cable"} <= others
+
+
+def judge_inputs_entered() -> LiftAnalysis:
+    """The lift with all of its assumptions entered."""
+    made = bare()
+    entered = [replace(a, origin=Origin.ENTERED) for a in made.inputs.assumptions]
+    return replace(made, inputs=replace(made.inputs, assumptions=tuple(entered)))
+
+
+def test_the_first_page_counts_what_was_entered_and_lists_the_rest(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """All of it has no room there beside the reasons of a plan that is not complete."""
+    monkeypatch.setattr(Judgement, "figures", {})
+    made = bare()
+    page = unescape(Judgement(made, run_checks(made)).html())
+    cover = page[: page.index("Sign-off")]
+    others = other_assumptions(made)
+    entered = [a for a in others if a.origin is Origin.ENTERED]
+    assert f"and on {len(entered)} more that were entered" in cover
+    for assumption in others:
+        listed = f"{assumption.name}: {assumption.value}" in cover
+        assert listed is (assumption.origin is not Origin.ENTERED), assumption
+
+
+def test_a_distance_that_suffices_is_said_to_be_a_bound() -> None:
+    assert at_least(0.5, 0.5) == "at least 0.50"
+    assert at_least(0.49, 0.5) == "0.49"
+    wind = bare().wind
+    assert wind is not None
+    near = replace(wind, worst={**wind.worst, "clearance": np.array([2.0, 0.1])})
+    (table,) = [t for t in tables(replace(bare(), wind=near)) if t.title == "Wind"]
+    column = [header for header, _ in table.columns].index("clearance [m]")
+    assert [row[column] for row in table.rows] == ["at least 2.00", "0.10"]
+
+
+def test_the_people_at_both_ends_are_fields_to_fill_in() -> None:
+    people = People(receiver="R. Eceiver", guard="G. Uard", second_signaller="S. Econd")
+    for entered, values in (
+        (people, ["G. Uard", "R. Eceiver", "S. Econd"]),
+        (People(), [None, None, None]),
+    ):
+        group = field_groups(planned(people=entered))[-1]
+        named = {entry.label: entry.value for entry in group.fields}
+        labels = ("Guards the exclusion zone", "Receives the load", "Second signaller")
+        assert [named[label] for label in labels] == values
+
+
+def test_the_job_has_its_revision_and_its_crane() -> None:
+    made = planned(job=Job(revision="A"), crane=CraneDocuments(maker="Terex", type="T340"))
+    named = {entry.label: entry.value for entry in identification(made).fields}
+    assert named["Revision of the job"] == "A" and named["Crane"] == "Terex T340"
+
+
+def test_parts_that_move_above_the_rope_have_their_least_distance() -> None:
+    """Jib and trolley of the crane over the wall, from the highest solid of the site."""
+    (table,) = [t for t in tables(bare()) if t.title == "Clearances"]
+    named = {str(row[0]): row[1] for row in table.rows}
+    assert "jib, with its tail: from wall" in named, named
+    clearance_of_lift = bare().certificate.lift.clearance
+    expected = min(
+        clearance_of_lift.nearest_to_structure(q)["jib"].distance
+        for q in bare().certificate.run.q[::10]
+    )
+    assert named["jib, with its tail: from wall"] == pytest.approx(expected, abs=0.01)
+    assert "for this motion of the drives alone" in table.note
+    assert "slings, spreader and tag lines are neither in this proof" in table.note
+    assert "drives that move at other times" in sequence_table(bare()).note
+
+
+def test_a_site_without_obstacles_has_no_distances_of_the_structure() -> None:
+    clearance_of_lift = clearance()
+    q = clearance_of_lift.q(np.array([0.0, 8.0, 5.0]))
+    assert "jib" not in clearance_of_lift.least_of_structure(q)
+    assert clearance_of_lift.least_of_structure(q).keys() == (
+        clearance_of_lift.nearest_to_structure(q).keys()
+    )
 
 
 def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
@@ -358,7 +503,7 @@ def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
     check = wind_borne(blown)
     assert check.sentence.endswith("The first limit is clearance, between load and wall.")
     rows = wind_bounds_table(blown).rows
-    assert str(rows[0][0]).startswith("this load, by its area (clearance between load and wall)")
+    assert str(rows[1][0]).startswith("this load, by its area (clearance between load and wall)")
 
 
 def test_a_site_may_allow_less_of_the_chart_than_a_limiter() -> None:

@@ -141,8 +141,9 @@ def _draw_stack(canvas: Canvas, site: Site, left: float, top: float) -> None:
         stroke = Stroke(INK, 0.4, fill="#dddddd") if known else _UNKNOWN
         half = min(0.35 * width * per_metre, 0.4 * _SKETCH_WIDTH)
         canvas.box(middle - half, spreader[0], 2.0 * half, spreader[1] - spreader[0], stroke)
-    _draw_slings(canvas, site, middle, per_metre, slings)
     _draw_load(canvas, site, middle, per_metre, load)
+    # Over the load, since lifting points may lie below its top.
+    _draw_slings(canvas, site, middle, per_metre, slings)
 
     last = top - LINE
     letters = int((canvas.width - MARGIN - side - 2.0) / text_width("x"))
@@ -186,17 +187,20 @@ def _draw_slings(
     details = site.details
     known = sling_height(details) is not None and bool(details.load.lifting_points)
     stroke = Stroke(INK, 0.5) if known else _UNKNOWN
-    if details.load.lifting_points:
-        feet = sorted({point[0] for point in details.load.lifting_points})
+    points = details.load.lifting_points
+    if points:
+        mean = sum(point[2] for point in points) / len(points)
+        feet = sorted({(point[0], point[2] - mean) for point in points})
     else:
         half = 0.5 if site.load is None else float(np.ptp(site.load[:, 0])) / 2.0
-        feet = [-half, half]
+        feet = [(-half, 0.0), (half, 0.0)]
     upper, lower = ends
-    for foot in feet:
-        at = middle + foot * per_metre
-        canvas.line(middle, upper, at, lower, stroke)
-        if details.load.lifting_points:
-            canvas.circle(at, lower, 1.2, Stroke(INK, 0.3, fill=INK))
+    for across, above_mean in feet:
+        x = middle + across * per_metre
+        y = lower - above_mean * per_metre
+        canvas.line(middle, upper, x, y, stroke)
+        if points:
+            canvas.circle(x, y, 1.2, Stroke(INK, 0.3, fill=INK))
     angle = sling_angle(details)
     if angle is not None:
         canvas.line(middle, upper, middle, lower)
@@ -207,19 +211,30 @@ def _draw_slings(
 def _draw_load(
     canvas: Canvas, site: Site, middle: float, per_metre: float, ends: tuple[float, float]
 ) -> None:
-    """Draw the box around the load, and its centre of gravity where it was entered."""
+    """Draw the box around the load, and its centre of gravity where it was entered.
+
+    Args:
+        canvas: The sheet.
+        site: The site.
+        middle: Where the rope is on the sheet [mm].
+        per_metre: Millimetres on the sheet of a metre.
+        ends: Height on the sheet of the lifting points and of the underside of the load [mm].
+    """
     upper, lower = ends
-    known = site.load is not None
-    stroke = Stroke("#9a4a00", 0.4, fill="#f0a04b", opacity=0.5) if known else _UNKNOWN
-    width = (float(np.ptp(site.load[:, 0])) if site.load is not None else 1.0) * per_metre
-    canvas.box(middle - width / 2.0, upper, width, lower - upper, stroke)
-    centre = site.details.load.centre
-    if centre is None or site.load is None:
+    if site.load is None:
+        width = _UNKNOWN_HEIGHT * per_metre
+        canvas.box(middle - width / 2.0, upper, width, lower - upper, _UNKNOWN)
         return
-    # From the middle of the box, whose underside is at `lower`.
-    half_height = float(np.ptp(site.load[:, 2])) / 2.0
+    # The box has its whole height: the load rises above lifting points that lie below its top.
+    width, _, height = (per_metre * np.ptp(site.load, axis=0)).tolist()
+    stroke = Stroke("#9a4a00", 0.4, fill="#f0a04b", opacity=0.5)
+    canvas.box(middle - width / 2.0, lower - height, width, height, stroke)
+    centre = site.details.load.centre
+    if centre is None:
+        return
+    # From the middle of the box.
     x = middle + centre[0] * per_metre
-    y = lower - (half_height + centre[2]) * per_metre
+    y = lower - height / 2.0 - centre[2] * per_metre
     canvas.circle(x, y, 2.0, Stroke(INK, 0.4, fill="#ffffff"))
     canvas.line(x - 3.5, y, x + 3.5, y)
     canvas.line(x, y - 3.5, x, y + 3.5)
@@ -268,7 +283,12 @@ def _load_text(site: Site) -> str:
     if site.load is None:
         return f"size {NOT_ENTERED}"
     across, along, height = np.ptp(site.load, axis=0).tolist()
-    return f"{across:.2f} m × {along:.2f} m × {height:.2f} m high"
+    size = f"{across:.2f} m × {along:.2f} m × {height:.2f} m high"
+    below = rigging_stack(site).below
+    assert below is not None  # as the size of the load is known
+    if math.isclose(below, height, abs_tol=5e-3):
+        return size
+    return f"{size}, of which {below:.2f} m below its lifting points"
 
 
 def _notes(site: Site) -> list[str]:

@@ -41,6 +41,7 @@ from cranedyn.lifts.judging.drawings.swept import (
     swept_areas,
     unit_in_plan,
 )
+from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.numbered_positions import (
     LoadsAtRest,
     Position,
@@ -655,9 +656,10 @@ def elevation_view(scene: LiftScene) -> Drawing:
     primitives.append(
         Label("ground", (low[0] + 3.0, site.ground - 0.5 * _EDGE), f"ground {site.ground:+.1f} m")
     )
-    title = "Elevation in the plane of the jib" if turns else "Elevation, cross section"
+    arm = "boom" if LoadJoints.of(scene.analysis.crane).has_boom else "jib"
+    title = f"Elevation in the plane of the {arm}" if turns else "Elevation, cross section"
     axes = ("radius", "height") if turns else ("across", "height")
-    notes = (*_position_notes(scene), *_elevation_notes(turns=turns))
+    notes = (*_position_notes(scene), *_elevation_notes(arm, turns=turns))
     return Drawing("elevation", title, tuple(primitives), low, high, None, axes, notes)
 
 
@@ -666,13 +668,12 @@ def elevation_sketch(scene: LiftScene, index: int) -> Drawing:
     primitives: list[Primitive] = []
     for outlines in scene.solids_in_elevation:
         primitives += outlines[:-1]  # without its name
-    shape = scene.shapes[index + 1]
-    plane = plane_at(scene, index + 1)
     primitives += _outlines("crane", standing_outlines(scene))
-    primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
     for i in (index, index + 1):
         plane = plane_at(scene, i)
         shape = scene.shapes[i]
+        # At both ends, since a boom that luffs is elsewhere at each, and its rope hangs from it.
+        primitives += _outlines("crane", [plane.flat(body) for body in shape.moving])
         primitives += _area("load", hull_of(plane.flat(shape.load)))
         primitives.append(_rope(plane, shape))
         centre = as_point(plane.flat(shape.centre))
@@ -698,15 +699,15 @@ def _frame_with_ground(scene: LiftScene, primitives: list[Primitive]) -> tuple[P
     return low, high
 
 
-def _elevation_notes(*, turns: bool) -> list[str]:
+def _elevation_notes(arm: str, *, turns: bool) -> list[str]:
     """Return sentences that say how the elevation is projected."""
     if turns:
         return [
             "All positions are turned about the slew axis into one plane. Of the obstacles those "
-            "parts are drawn that jib or load pass over or come near to, as boxes from their least "
-            "to their largest radius there. What stands elsewhere, or behind the crane, is on the "
-            "plan only. What stands of the crane is drawn square on; its widths are those of the "
-            "model."
+            f"parts are drawn that {arm} or load pass over or come near to, as boxes from their "
+            "least to their largest radius there. What stands elsewhere, or behind the crane, is "
+            "on the plan only. What stands of the crane is drawn square on; its widths are those "
+            "of the model."
         ]
     return ["All is projected along the runway, also what stands before or behind the load."]
 
