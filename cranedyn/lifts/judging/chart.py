@@ -276,6 +276,36 @@ class RatedLoads:
         between = np.minimum(moment / divisor, self.rated[point_before])
         return np.where(up_to_first, self.rated[0], between)
 
+    def at_swinging(self, radius: np.ndarray, pivot_radius: np.ndarray) -> np.ndarray:
+        """Return the rated load at radii of a hook that may swing [kg], of their shape.
+
+        A swing takes a hook beyond the last radius of the chart while its rope is still held within
+        the chart: there the rated moment of the last radius counts. Where it takes the hook nearer
+        than the smallest radius, the load of that one counts.
+
+        Args:
+            radius: Radii of the hook [m], shape (...).
+            pivot_radius: Radii of the pivot of its rope [m], shape (...).
+
+        Raises:
+            OutOfRange: If the pivot is outside of the chart.
+        """
+        self.at(pivot_radius)
+        within = np.clip(radius, self.least, self.radii[-1])
+        return self.at(within) * within / np.maximum(radius, within)
+
+    def refuse_planned(self, radius: np.ndarray) -> None:
+        """Refuse planned radii of a load that hangs plumb [m], shape (n,), that are outside of the
+        chart by more than what a plan may miss a place by.
+
+        Raises:
+            OutOfRange: With the radius.
+        """
+        low = self.least - AT_POINT
+        high = self.radii[-1] + AT_POINT
+        if float(np.min(radius)) < low or float(np.max(radius)) > high:
+            self.at(radius)
+
     def points_about(self, radius: float) -> tuple[float, float] | None:
         """Return the radii of the two points between which the load of a radius is interpolated
         [m]; None at a point of the chart, between points of the same load, and outside of all.
@@ -456,7 +486,7 @@ def utilisation(
     loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
 ) -> np.ndarray:
     """Return the utilisation of the rated load moment in each row, shape (rows,): the pull of all
-    that hangs, dynamics included, over the rated weight at that radius.
+    that hangs, dynamics included, over the rated weight at the radius of the hook.
 
     Args:
         loads: Loads of the run. Of a crane that does not slew, such as an overhead crane, the chart
@@ -481,9 +511,34 @@ def utilisation(
     radius = loads.values.get("radius_m")
     if radius is None:  # it does not slew
         return pull / (gravity * reeving.constant)
+    pivot_radius = loads.values.get("pivot_radius_m", radius)
     if reeving.boom is not None:
-        _refuse_radii_of_no_boom(chart, reeving.count, radius)
-    return pull / (gravity * reeving.at(radius))
+        _refuse_radii_of_no_boom(chart, reeving.count, pivot_radius)
+    return pull / (gravity * reeving.at_swinging(radius, pivot_radius))
+
+
+def refuse_planned_radii(
+    radius: np.ndarray, loads: Loads, chart: Chart, falls: int | None = None
+) -> None:
+    """Refuse a plan that takes a load out of the radii of the chart.
+
+    Args:
+        radius: Radii of the load that hangs plumb at all places of the plan [m], shape (n,).
+        loads: Loads of its run.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
+
+    Raises:
+        NotCovered: If no length of the boom has such a radius, or as `utilisation`.
+        OutOfRange: If the chart does not have it for this boom.
+    """
+    reeving = chart.on(falls, _boom_of_run(loads, chart, falls))
+    try:
+        reeving.refuse_planned(radius)
+    except OutOfRange:
+        if reeving.boom is not None:
+            _refuse_radii_of_no_boom(chart, reeving.count, radius)
+        raise
 
 
 def _boom_of_run(loads: Loads, chart: Chart, falls: int | None) -> float | None:

@@ -26,6 +26,7 @@ from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
 from cranedyn.lifts.judging.drawings.sheet import MARGIN
+from cranedyn.lifts.judging.hook_radius import hook_radii
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -216,13 +217,14 @@ def _picture(analysis: LiftAnalysis) -> PageFigure:
         caption = "The crane of this lift from the side, at the start."
     else:
         # The certified run has the same places as that with lift-off, and other rows.
-        centres = analysis.certificate.lift.clearance.point(
-            run.q[:, analysis.certificate.lift.clearance.drive_joints]
-        )
+        clearance = analysis.certificate.lift.clearance
+        radii = hook_radii(clearance, analysis.certificate.lift.timed.places)
+        assert radii is not None  # the loads have a radius
+        centres = clearance.point(run.q[:, clearance.drive_joints])
         row = int(np.linalg.norm(centres[:, :2], axis=1).argmax())
         caption = (
             "The crane of this lift from the side, its hook at a radius of "
-            f"{np.linalg.norm(centres[row, :2]):.1f} m, where the load is farthest out."
+            f"{radii.max():.1f} m, where the load is farthest out."
         )
     q = run.q[row].copy()
     slew = LoadJoints.of(crane).slew

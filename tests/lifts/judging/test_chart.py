@@ -120,13 +120,28 @@ def test_utilisation_is_that_of_a_chart_by_hand(falls: int | None, rated: float)
 
 
 def test_a_load_that_swings_takes_of_the_chart_what_pulls_down() -> None:
-    """Let go at φ a point load pulls m g cos φ along the rope, and m g cos² φ down."""
+    """Let go at φ a point load pulls m g cos φ along the rope, and m g cos² φ down, at the radius
+    of the hook, where the moment of the chart is 40 t m.
+    """
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
     of = crane(payload_mass=2000.0, **point)
     start = of.state(x=16.0, l=10.0, phi=0.5)
     run = simulate(of, locked, start=start, duration=0.005, drive="motion")
     used, _ = assess_run(of, run, BY_HAND)
-    assert used[0] == pytest.approx(2000.0 / 2500.0 * np.cos(0.5) ** 2, rel=1e-9)
+    radius = 16.0 - 10.0 * np.sin(0.5)
+    assert loads(of, run)["radius_m"][0] == pytest.approx(radius, rel=1e-9)
+    assert used[0] == pytest.approx(2000.0 / (40e3 / radius) * np.cos(0.5) ** 2, rel=1e-9)
+
+
+def test_a_plan_beyond_the_chart_is_refused_and_a_rope_held_beyond_it_too() -> None:
+    """What only swings beyond the chart is judged; what hangs plumb there is not."""
+    rated = BY_HAND.on(2)
+    assert rated.at_swinging(np.array([25.0, 1.0]), np.array([20.0, 2.0])).tolist() == [1600, 4000]
+    rated.refuse_planned(np.array([1.9985, 20.0015]))
+    with pytest.raises(OutOfRange, match=r"is 20\.1"):
+        rated.refuse_planned(np.array([5.0, 20.1]))
+    with pytest.raises(OutOfRange, match=r"is 20\.1"):
+        rated.at_swinging(np.array([19.0]), np.array([20.1]))
 
 
 @pytest.mark.parametrize("radius", [1.99, 20.01, 23.0, -12.0])
