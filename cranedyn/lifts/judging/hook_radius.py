@@ -1,5 +1,6 @@
 """The radius of the hook at planned places: its distance in plan from the slew axis, as a load
-chart counts it. The column `radius_m` of `cranedyn.lifts.judging.loads` is the same of a simulated run.
+chart counts it. The column `radius_m` of `cranedyn.lifts.judging.loads` is the same of a
+simulated run.
 """
 
 from __future__ import annotations
