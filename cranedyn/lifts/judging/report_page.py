@@ -49,6 +49,7 @@ from cranedyn.lifts.judging.plan_tables import (
 from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.perturbed import drag_area
+from cranedyn.lifts.planning.site import Site
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
 from cranedyn.verdict import Check, Verdict, overall
@@ -163,7 +164,7 @@ class Notice(NamedTuple):
 
 def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
     """Return what whoever signs must know before any number: that the chart is of no real crane,
-    and which lift of a shift this is.
+    that the load hangs at an end, and which lift of a shift this is.
     """
     notices = []
     if analysis.chart is not None and analysis.chart.example:
@@ -172,6 +173,9 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
             "chart of your crane as [crane] chart (cranedyn template chart), and judge again."
         )
         notices.append(Notice(sentence, warns=True))
+    hangs = _hangs_at(analysis.site)
+    if hangs:
+        notices.append(Notice(hangs, warns=False))
     shift = analysis.site.details.shift
     if shift is not None:
         sentence = (
@@ -180,6 +184,31 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
         )
         notices.append(Notice(sentence, warns=False))
     return notices
+
+
+def _hangs_at(site: Site) -> str:
+    """Return at which ends of a lift the load hangs, and what the verdict leaves out therefore, in
+    a sentence; empty if it stands at both.
+    """
+    hanging = []
+    for end, name, left_out in (
+        (site.start, "start", "its pick-up"),
+        (site.goal, "end", "its set-down"),
+    ):
+        if not stands_at(end):
+            hanging.append((name, left_out))
+    if not hanging:
+        return ""
+    if len(hanging) == 2:
+        return (
+            "The load hangs at the start and at the end of this lift: its pick-up and its set-down "
+            "are not in this plan, nor in its verdict."
+        )
+    ((name, left_out),) = hanging
+    return (
+        f"The load hangs at the {name} of this lift: {left_out} is not in this plan, nor in its "
+        "verdict."
+    )
 
 
 def _sheets_or_reason(scene: LiftScene) -> tuple[list[LiftSheet], list[str]]:

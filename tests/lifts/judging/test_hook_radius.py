@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from cranedyn.lifts.judging import judgement
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.hook_radius import hook_radii, hook_radius
 from cranedyn.lifts.judging.lift_positions import lift_positions
+from cranedyn.lifts.judging.report_page import first_page_notices
 from cranedyn.lifts.planning.site_file import read_site
 from tests.helpers import ROOT
 
@@ -44,7 +46,15 @@ def test_page_chart_and_drawing_have_one_radius_for_a_load_that_is_swept_round(
     """Swept round at 6 degrees a second, the load hangs centimetres farther out than its rope."""
     site = read_site(street)
     required = Requirements(lifts=0, gusts=0)
-    analysis = judgement.judge(site, requirements=required).analysis
+    judged = judgement.judge(site, requirements=required)
+    analysis = judged.analysis
+    both = "The load hangs at the start and at the end of this lift: its pick-up and its set-down"
+    assert both in judged.html()
+    begins = replace(site, start=np.array([-RADIUS, 0.0]))
+    (notice,) = first_page_notices(replace(analysis, site=begins))
+    assert notice.sentence.startswith("The load hangs at the end of this lift: its set-down is not")
+    stands = replace(begins, goal=np.array([0.0, -RADIUS]))
+    assert first_page_notices(replace(analysis, site=stands)) == []
     lift = analysis.certificate.lift
     planned = hook_radii(lift.clearance, lift.timed.places)
     assert planned is not None
