@@ -3,7 +3,8 @@ utilisation of a run.
 
 Between two points of a chart the rated load falls so that its moment is a straight line over the
 radius, as makers' charts do. That is never more than the straight line of the loads themselves
-where these fall, and never more than the load at the point before.
+where these fall, and never more than the load at the point before. For a maker who does not allow
+interpolation the load of the larger radius counts, with `interpolation = false` in the file.
 
 Between two lengths of the boom a chart interpolates only if its file says so; without a word the
 smaller load of both counts.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -192,6 +193,8 @@ class RatedLoads:
         least: Smallest radius at which the load of the first point may hang [m].
         boom: Length of the boom from its hinge to its head [m]; None for a jib or boom of which
             there is one length.
+        stepwise: Whether between two points the load of the larger radius counts, for a maker who
+            does not allow interpolation.
 
     Raises:
         OutOfRange: If radii do not increase, loads rise with radius, or a number is outside of what
@@ -203,6 +206,7 @@ class RatedLoads:
     rated: np.ndarray
     least: float = 0.0
     boom: float | None = None
+    stepwise: bool = False
 
     def __post_init__(self) -> None:
         """Check that it is a chart."""
@@ -267,6 +271,10 @@ class RatedLoads:
             worst = f"{radius[outside].flat[0]:.6g}"
             allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
             raise OutOfRange(name, worst, allowed, "m")
+        if self.stepwise:
+            last = len(self.radii) - 1
+            next_point = np.searchsorted(self.radii, radius - AT_POINT, "left")
+            return self.rated[np.minimum(next_point, last)]
         # Between two points the moment is a straight line, and the load falls from one to the next.
         # So it is never more than at the point before, but for rounding.
         moment = np.interp(radius, self.radii, self.radii * self.rated)
@@ -308,9 +316,10 @@ class RatedLoads:
 
     def points_about(self, radius: float) -> tuple[float, float] | None:
         """Return the radii of the two points between which the load of a radius is interpolated
-        [m]; None at a point of the chart, between points of the same load, and outside of all.
+        [m]; None at a point of the chart, between points of the same load, outside of all, and
+        without interpolation.
         """
-        if not self.radii[0] < radius < self.radii[-1]:
+        if self.stepwise or not self.radii[0] < radius < self.radii[-1]:
             return None
         after = int(np.searchsorted(self.radii, radius))
         near = np.abs(self.radii - radius).min() <= AT_POINT
@@ -346,6 +355,8 @@ class Chart:
         counterweight: Counterweight for which the chart is made [kg]; None if it does not say.
         outriggers: Distance of neighbouring outriggers for which it is made [m]; None if it does
             not say, or the crane has none.
+        interpolation: Whether loads between two radii may be interpolated; else the load of the
+            next larger radius counts.
         example: Whether its numbers are an example and of no real crane.
     """
 
@@ -355,6 +366,7 @@ class Chart:
     between_booms: BetweenBooms = "smaller"
     counterweight: float | None = None
     outriggers: float | None = None
+    interpolation: bool = True
     example: bool = False
 
     @property
@@ -463,7 +475,7 @@ def _between(
         rated = (1.0 - share) * of_shorter + share * of_longer
     # Both fall with the radius, but for round-off.
     rated = np.minimum.accumulate(rated)
-    return RatedLoads(shorter.count, radii, rated, least, boom)
+    return RatedLoads(shorter.count, radii, rated, least, boom, shorter.stepwise)
 
 
 class CutOut(NamedTuple):
@@ -632,8 +644,8 @@ def read_chart(path: str | Path) -> Chart:
     For a boom of several lengths there is a table `[[falls]]` for each length with `boom` [m], or
     one with `table`, a CSV file in the folder of the chart, see
     `cranedyn.lifts.judging.boom_table`, and its `unit`, "kg" or "t". The file may also have
-    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m] and `example`, see
-    `Chart`.
+    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m], `interpolation` and
+    `example`, see `Chart`.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
@@ -656,6 +668,11 @@ def read_chart(path: str | Path) -> Chart:
             reevings.append(reeving)
     reevings.sort(key=lambda reeving: (reeving.count, reeving.boom or 0.0))
     between = top.choice("between_booms", get_args(BetweenBooms), "smaller", "rule")
+    interpolates = "interpolation" not in top.values or top.flag("interpolation")
+    if not interpolates:
+        if between == "linear":
+            top.fail("between_booms", '"linear" interpolates, which interpolation = false forbids.')
+        reevings = [replace(reeving, stepwise=True) for reeving in reevings]
     return Chart(
         top.text("name"),
         top.text("source"),
@@ -663,11 +680,12 @@ def read_chart(path: str | Path) -> Chart:
         between,  # type: ignore[arg-type]
         top.optional_number("counterweight", "kg", ">= 0"),
         top.optional_number("outriggers", "m", "> 0"),
+        interpolation=interpolates,
         example=top.flag("example"),
     )
 
 
-_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "example")
+_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "interpolation", "example")
 """Fields of a chart beside its name and its tables [[falls]]."""
 
 _FALLS_FIELDS = ("count", "boom", "radii", "loads", "least", "rated", "table", "unit")

@@ -151,6 +151,27 @@ def test_outside_of_its_radii_a_chart_says_nothing(radius: float) -> None:
     assert BY_HAND.on(4).at(np.array([2.0, 20.0])).tolist() == [6000.0, 3000.0]
 
 
+def test_a_maker_who_forbids_interpolation_has_the_load_of_the_next_larger_radius(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "chart.toml"
+    (tmp_path / "table.csv").write_text("r, 20, 30\n10, 4000, 3500\n15, 3000, 2900\n20, 2000,\n")
+    text = 'name = "a"\nsource = "b"\ninterpolation = false\n'
+    file.write_text(text + '[[falls]]\ncount = 2\ntable = "table.csv"\n')
+    chart = read_chart(file)
+    assert not chart.interpolation
+    loads_at = chart.on(2, 20.0).at(np.array([10.0, 10.001, 10.1, 14.9, 15.0, 15.1, 20.0]))
+    assert loads_at.tolist() == [4000.0, 4000.0, 3000.0, 3000.0, 3000.0, 2000.0, 2000.0]
+    # Between two booms the smaller one of both, at the next larger radius of each.
+    assert chart.on(2, 25.0).at(np.array([10.0, 12.0])).tolist() == [3500.0, 2900.0]
+    assert chart.on(2, 20.0).points_about(12.0) is None
+    file.write_text(file.read_text().replace("[[falls]]", 'between_booms = "linear"\n[[falls]]'))
+    with pytest.raises(DataError, match=r"between_booms: \"linear\" interpolates"):
+        read_chart(file)
+    file.write_text(file.read_text().replace("interpolation = false\n", ""))
+    assert read_chart(file).interpolation
+
+
 def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Path) -> None:
     file = tmp_path / "chart.toml"
     more = "[[falls]]\ncount = {}\nradii = [10.0]\nloads = [{}]\n"
