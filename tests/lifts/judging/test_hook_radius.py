@@ -16,6 +16,8 @@ from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.hook_radius import hook_radii, hook_radius
 from cranedyn.lifts.judging.lift_positions import lift_positions
 from cranedyn.lifts.judging.report_page import first_page_notices
+from cranedyn.lifts.planning.clearance_of import clearance_of
+from cranedyn.lifts.planning.lift import NoWay, crane_of, plan_lift
 from cranedyn.lifts.planning.site_file import read_site
 from tests.helpers import ROOT
 
@@ -85,3 +87,23 @@ def test_a_plan_that_takes_the_load_beyond_the_chart_is_not_judged_by_it(
     judged = judgement.judge(read_site(street), requirements=Requirements(lifts=0, gusts=0))
     assert judged.analysis.utilisation is None
     assert "radius on 6 falls is 40 m" in judged.analysis.chart_error
+
+
+def test_a_carrier_that_stands_in_a_box_is_named_with_where_its_nose_points(street: Path) -> None:
+    box = '[[box]]\nname = "{}"\ncentre = {}\nsize = [1.0, 1.0, 1.0]\n'
+    street.write_text(street.read_text() + box.format("kerb", [0.0, -4.0]))
+    site = read_site(street)
+    assert site.limits is not None
+    with pytest.raises(
+        NoWay, match=r"structure stands in kerb\. The structure is the carrier .*-Y"
+    ):
+        plan_lift(site, site.limits)
+    # The nose is longer than the tail, at -Y and at yaw = 90 at +X.
+    for yaw, ahead in ((0.0, [0.0, -1.0]), (90.0, [1.0, 0.0])):
+        text = street.read_text().replace("yaw = 0.0", f"yaw = {yaw}")
+        street.with_name("turned.toml").write_text(text)
+        turned = read_site(street.with_name("turned.toml"))
+        clearance = clearance_of(crane_of(turned), turned)
+        corners = turned.to_site(np.concatenate(list(clearance.standing)))
+        along = corners[:, :2] @ np.array(ahead)
+        assert along.max() > -along.min() + 0.2
