@@ -407,14 +407,11 @@ def _run_template(options: argparse.Namespace) -> int:
     remark = "  # once it is filled in"
     if options.template == "site":
         judge = command_line("cranedyn", "run", "lift_report", "--site", file)
-        if options.kind in (None, "tower"):
-            print(next_lines(command_line("cranedyn", "drive", "--site", file), judge + remark))
-        else:
-            print(next_lines(judge + remark))
+        print(next_lines(command_line("cranedyn", "drive", "--site", file), judge + remark))
     elif options.template == "chart":
         # The chart counts for the crane of a site; without one an example yard would be judged.
-        words = ("--site", "site.toml", "--chart", file)
-        judge = command_line("cranedyn", "run", "lift_report", *words)
+        judge_words = ("--site", "site.toml", "--chart", file)
+        judge = command_line("cranedyn", "run", "lift_report", *judge_words)
         kind = () if options.kind is None else ("--kind", options.kind)
         site = command_line("cranedyn", "template", "site", *kind)
         print(next_lines(site, judge + remark))
