@@ -11,6 +11,8 @@ import pytest
 
 pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
 
+from cranedyn.__main__ import main
+from cranedyn.export import driving_page
 from cranedyn.lifts.judging import judgement
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.hook_radius import hook_radii, hook_radius
@@ -19,6 +21,7 @@ from cranedyn.lifts.judging.report_page import first_page_notices
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.lift import NoWay, crane_of, plan_lift
 from cranedyn.lifts.planning.site_file import read_site
+from cranedyn.model.crane import Crane
 from tests.helpers import ROOT
 
 RADIUS = 12.0
@@ -107,3 +110,19 @@ def test_a_carrier_that_stands_in_a_box_is_named_with_where_its_nose_points(stre
         corners = turned.to_site(np.concatenate(list(clearance.standing)))
         along = corners[:, :2] @ np.array(ahead)
         assert along.max() > -along.min() + 0.2
+
+
+def test_the_page_to_drive_leaves_out_the_chart_of_a_mobile_crane(
+    street: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    given = {}
+
+    def export(target: Path, crane: Crane, **arguments: object) -> Path:
+        given.update(arguments)
+        return target
+
+    monkeypatch.setattr(driving_page, "export", export)
+    page = str(street.with_name("page.html"))
+    assert main(["export", "page", page, "--site", str(street)]) == 0
+    assert given["chart"] is None and given["site"] is not None
+    assert "chart of the site is left out" in capsys.readouterr().out

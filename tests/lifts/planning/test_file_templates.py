@@ -139,7 +139,9 @@ def test_a_template_knows_its_kinds_and_its_hints_name_the_site(
     assert template_text("site", "tower") == template_text("site")
     assert main(["template", "site", "street.toml", "--kind", "mobile"]) == 0
     shown = capsys.readouterr().out
-    assert "cranedyn drive --site street.toml" in shown and "lift_report --site street.toml" in shown
+    assert (
+        "cranedyn drive --site street.toml" in shown and "lift_report --site street.toml" in shown
+    )
     assert main(["template", "chart", "--kind", "mobile"]) == 0
     shown = capsys.readouterr().out
     assert "cranedyn template site --kind mobile" in shown
