@@ -369,15 +369,19 @@ def _template(parser: _Parser) -> None:
 
     Example: cranedyn template site yard.toml
     """
-    from cranedyn.lifts.planning.file_templates import TEMPLATES
+    from cranedyn.lifts.planning.file_templates import CRANE_KINDS, TEMPLATES
     from cranedyn.lifts.planning.site_file import CHART_EXAMPLES
 
     kinds = "; ".join(f"{name}: {meaning}" for name, meaning in TEMPLATES.items())
     add = parser.add_argument
-    add("kind", choices=tuple(TEMPLATES), metavar="KIND", help=kinds)
-    text = "where to write; it must not be there yet, by default KIND.toml"
+    add("template", choices=tuple(TEMPLATES), metavar="TEMPLATE", help=kinds)
+    text = "where to write; it must not be there yet, by default TEMPLATE.toml"
     add("file", nargs="?", type=Path, metavar="FILE.toml", help=text)
     text = f"with chart: instead a chart that comes with the package: {', '.join(CHART_EXAMPLES)}"
+    crane_kinds = CRANE_KINDS["site"]
+    listed = ", ".join(crane_kinds)
+    text = f"with site or chart: kind of the crane, {listed}; {crane_kinds[0]}"
+    add("--kind", choices=crane_kinds, metavar="CRANE", help=text)
     add("--of", choices=CHART_EXAMPLES, metavar="CHART", help=text)
     parser.set_defaults(run=_run_template)
 
@@ -386,11 +390,11 @@ def _run_template(options: argparse.Namespace) -> int:
     """Write the template, say how to go on, and return the exit code."""
     from cranedyn.lifts.planning.file_templates import write_file_template, write_new_file
 
-    file = options.file or Path(f"{options.kind}.toml")
+    file = options.file or Path(f"{options.template}.toml")
     if options.of is None:
-        write_file_template(options.kind, file)
+        write_file_template(options.template, file, options.kind)
         print(f"Written to {file}. All values in it are examples: enter yours.")
-    elif options.kind == "chart":
+    elif options.template == "chart":
         from cranedyn.data.files import read_text
         from cranedyn.lifts.judging.chart import CHARTS
 
@@ -399,21 +403,24 @@ def _run_template(options: argparse.Namespace) -> int:
     else:
         from cranedyn.errors import CraneError
 
-        raise CraneError(f"--of is for a chart; a template of {options.kind} has none.")
+        raise CraneError(f"--of is for a chart; a template of {options.template} has none.")
     remark = "  # once it is filled in"
-    if options.kind == "site":
-        look = command_line("cranedyn", "drive", "--site", file)
+    if options.template == "site":
         judge = command_line("cranedyn", "run", "lift_report", "--site", file)
-        print(next_lines(look, judge + remark))
-    elif options.kind == "chart":
-        judge = command_line("cranedyn", "run", "lift_report", "--chart", file)
-        print(next_lines(judge + remark, "cranedyn template site"))
-    elif options.kind == "chain":
+        print(next_lines(command_line("cranedyn", "drive", "--site", file), judge + remark))
+    elif options.template == "chart":
+        # The chart counts for the crane of a site; without one an example yard would be judged.
+        judge_words = ("--site", "site.toml", "--chart", file)
+        judge = command_line("cranedyn", "run", "lift_report", *judge_words)
+        kind = () if options.kind is None else ("--kind", options.kind)
+        site = command_line("cranedyn", "template", "site", *kind)
+        print(next_lines(site, judge + remark))
+    elif options.template == "chain":
         words = ("--site", "open_yard", "--chain", file, "--set", "hoist_max:=30")
         chain = command_line("cranedyn", "run", "lift", *words)
         print(next_lines(chain + remark, "cranedyn template site"))
     else:
-        experiment = "tandem" if options.kind == "tandem" else "site"
+        experiment = "tandem" if options.template == "tandem" else "site"
         plan = command_line("cranedyn", "run", experiment, "--site", file)
         print(next_lines(plan + remark, "cranedyn template chart"))
     return 0

@@ -706,6 +706,9 @@ def run(options: argparse.Namespace) -> Path:
         options.values = [*values_of_site, *options.values]
     crane = crane_from_options(options)
     name_default_rates(crane)
+    if chart is not None and options.chart is None and not crane.layout.has("slew"):
+        print("The chart of the site is left out: the page shows those of tower cranes only.")
+        chart = None
     if site is not None:
         refuse_contradictions(site, crane)
     return export(options.target, crane, site=site, chart=chart, meshes=options.meshes)

@@ -3,7 +3,8 @@ utilisation of a run.
 
 Between two points of a chart the rated load falls so that its moment is a straight line over the
 radius, as makers' charts do. That is never more than the straight line of the loads themselves
-where these fall, and never more than the load at the point before.
+where these fall, and never more than the load at the point before. For a maker who does not allow
+interpolation the load of the larger radius counts, with `interpolation = false` in the file.
 
 Between two lengths of the boom a chart interpolates only if its file says so; without a word the
 smaller load of both counts.
@@ -13,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Literal, NamedTuple, get_args
 
@@ -192,6 +193,8 @@ class RatedLoads:
         least: Smallest radius at which the load of the first point may hang [m].
         boom: Length of the boom from its hinge to its head [m]; None for a jib or boom of which
             there is one length.
+        stepwise: Whether between two points the load of the larger radius counts, for a maker who
+            does not allow interpolation.
 
     Raises:
         OutOfRange: If radii do not increase, loads rise with radius, or a number is outside of what
@@ -203,6 +206,7 @@ class RatedLoads:
     rated: np.ndarray
     least: float = 0.0
     boom: float | None = None
+    stepwise: bool = False
 
     def __post_init__(self) -> None:
         """Check that it is a chart."""
@@ -267,6 +271,10 @@ class RatedLoads:
             worst = f"{radius[outside].flat[0]:.6g}"
             allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
             raise OutOfRange(name, worst, allowed, "m")
+        if self.stepwise:
+            last = len(self.radii) - 1
+            next_point = np.searchsorted(self.radii, radius - AT_POINT, "left")
+            return self.rated[np.minimum(next_point, last)]
         # Between two points the moment is a straight line, and the load falls from one to the next.
         # So it is never more than at the point before, but for rounding.
         moment = np.interp(radius, self.radii, self.radii * self.rated)
@@ -276,11 +284,42 @@ class RatedLoads:
         between = np.minimum(moment / divisor, self.rated[point_before])
         return np.where(up_to_first, self.rated[0], between)
 
+    def at_swinging(self, radius: np.ndarray, pivot_radius: np.ndarray) -> np.ndarray:
+        """Return the rated load at radii of a hook that may swing [kg], of their shape.
+
+        A swing takes a hook beyond the last radius of the chart while its rope is still held within
+        the chart: there the rated moment of the last radius counts. Where it takes the hook nearer
+        than the smallest radius, the load of that one counts.
+
+        Args:
+            radius: Radii of the hook [m], shape (...).
+            pivot_radius: Radii of the pivot of its rope [m], shape (...).
+
+        Raises:
+            OutOfRange: If the pivot is outside of the chart.
+        """
+        self.at(pivot_radius)
+        within = np.clip(radius, self.least, self.radii[-1])
+        return self.at(within) * within / np.maximum(radius, within)
+
+    def refuse_planned(self, radius: np.ndarray) -> None:
+        """Refuse planned radii of a load that hangs plumb [m], shape (n,), that are outside of the
+        chart by more than what a plan may miss a place by.
+
+        Raises:
+            OutOfRange: With the radius.
+        """
+        low = self.least - AT_POINT
+        high = self.radii[-1] + AT_POINT
+        if float(np.min(radius)) < low or float(np.max(radius)) > high:
+            self.at(radius)
+
     def points_about(self, radius: float) -> tuple[float, float] | None:
         """Return the radii of the two points between which the load of a radius is interpolated
-        [m]; None at a point of the chart, between points of the same load, and outside of all.
+        [m]; None at a point of the chart, between points of the same load, outside of all, and
+        without interpolation.
         """
-        if not self.radii[0] < radius < self.radii[-1]:
+        if self.stepwise or not self.radii[0] < radius < self.radii[-1]:
             return None
         after = int(np.searchsorted(self.radii, radius))
         near = np.abs(self.radii - radius).min() <= AT_POINT
@@ -316,6 +355,8 @@ class Chart:
         counterweight: Counterweight for which the chart is made [kg]; None if it does not say.
         outriggers: Distance of neighbouring outriggers for which it is made [m]; None if it does
             not say, or the crane has none.
+        interpolation: Whether loads between two radii may be interpolated; else the load of the
+            next larger radius counts.
         example: Whether its numbers are an example and of no real crane.
     """
 
@@ -325,6 +366,7 @@ class Chart:
     between_booms: BetweenBooms = "smaller"
     counterweight: float | None = None
     outriggers: float | None = None
+    interpolation: bool = True
     example: bool = False
 
     @property
@@ -433,7 +475,7 @@ def _between(
         rated = (1.0 - share) * of_shorter + share * of_longer
     # Both fall with the radius, but for round-off.
     rated = np.minimum.accumulate(rated)
-    return RatedLoads(shorter.count, radii, rated, least, boom)
+    return RatedLoads(shorter.count, radii, rated, least, boom, shorter.stepwise)
 
 
 class CutOut(NamedTuple):
@@ -456,7 +498,7 @@ def utilisation(
     loads: Loads, chart: Chart, falls: int | None = None, *, gravity: float = STANDARD_GRAVITY
 ) -> np.ndarray:
     """Return the utilisation of the rated load moment in each row, shape (rows,): the pull of all
-    that hangs, dynamics included, over the rated weight at that radius.
+    that hangs, dynamics included, over the rated weight at the radius of the hook.
 
     Args:
         loads: Loads of the run. Of a crane that does not slew, such as an overhead crane, the chart
@@ -481,9 +523,34 @@ def utilisation(
     radius = loads.values.get("radius_m")
     if radius is None:  # it does not slew
         return pull / (gravity * reeving.constant)
+    pivot_radius = loads.values.get("pivot_radius_m", radius)
     if reeving.boom is not None:
-        _refuse_radii_of_no_boom(chart, reeving.count, radius)
-    return pull / (gravity * reeving.at(radius))
+        _refuse_radii_of_no_boom(chart, reeving.count, pivot_radius)
+    return pull / (gravity * reeving.at_swinging(radius, pivot_radius))
+
+
+def refuse_planned_radii(
+    radius: np.ndarray, loads: Loads, chart: Chart, falls: int | None = None
+) -> None:
+    """Refuse a plan that takes a load out of the radii of the chart.
+
+    Args:
+        radius: Radii of the load that hangs plumb at all places of the plan [m], shape (n,).
+        loads: Loads of its run.
+        chart: Load chart of the crane.
+        falls: Number of falls that carry the hook; None for the fewest of the chart.
+
+    Raises:
+        NotCovered: If no length of the boom has such a radius, or as `utilisation`.
+        OutOfRange: If the chart does not have it for this boom.
+    """
+    reeving = chart.on(falls, _boom_of_run(loads, chart, falls))
+    try:
+        reeving.refuse_planned(radius)
+    except OutOfRange:
+        if reeving.boom is not None:
+            _refuse_radii_of_no_boom(chart, reeving.count, radius)
+        raise
 
 
 def _boom_of_run(loads: Loads, chart: Chart, falls: int | None) -> float | None:
@@ -577,8 +644,8 @@ def read_chart(path: str | Path) -> Chart:
     For a boom of several lengths there is a table `[[falls]]` for each length with `boom` [m], or
     one with `table`, a CSV file in the folder of the chart, see
     `cranedyn.lifts.judging.boom_table`, and its `unit`, "kg" or "t". The file may also have
-    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m] and `example`, see
-    `Chart`.
+    `between_booms`, see `BetweenBooms`, `counterweight` [kg], `outriggers` [m], `interpolation` and
+    `example`, see `Chart`.
 
     Raises:
         DataError: If it cannot be read, is no TOML, or something in it is missing, unknown or not
@@ -601,6 +668,11 @@ def read_chart(path: str | Path) -> Chart:
             reevings.append(reeving)
     reevings.sort(key=lambda reeving: (reeving.count, reeving.boom or 0.0))
     between = top.choice("between_booms", get_args(BetweenBooms), "smaller", "rule")
+    interpolates = "interpolation" not in top.values or top.flag("interpolation")
+    if not interpolates:
+        if between == "linear":
+            top.fail("between_booms", '"linear" interpolates, which interpolation = false forbids.')
+        reevings = [replace(reeving, stepwise=True) for reeving in reevings]
     return Chart(
         top.text("name"),
         top.text("source"),
@@ -608,11 +680,12 @@ def read_chart(path: str | Path) -> Chart:
         between,  # type: ignore[arg-type]
         top.optional_number("counterweight", "kg", ">= 0"),
         top.optional_number("outriggers", "m", "> 0"),
+        interpolation=interpolates,
         example=top.flag("example"),
     )
 
 
-_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "example")
+_TOP_FIELDS = ("source", "between_booms", "counterweight", "outriggers", "interpolation", "example")
 """Fields of a chart beside its name and its tables [[falls]]."""
 
 _FALLS_FIELDS = ("count", "boom", "radii", "loads", "least", "rated", "table", "unit")

@@ -22,10 +22,16 @@ from cranedyn.lifts.judging.analysis import (
     LiftAnalysis,
     Requirements,
 )
-from cranedyn.lifts.judging.chart import Chart, NotCovered, utilisation
+from cranedyn.lifts.judging.chart import (
+    Chart,
+    NotCovered,
+    refuse_planned_radii,
+    utilisation,
+)
 from cranedyn.lifts.judging.chart_setup import setup_gap
 from cranedyn.lifts.judging.drawings import LiftScene
 from cranedyn.lifts.judging.factors import DriveClass, HoistingClass
+from cranedyn.lifts.judging.hook_radius import hook_radii
 from cranedyn.lifts.judging.judged_inputs import resolve_inputs
 from cranedyn.lifts.judging.lift_checks import CheckFunction, run_checks
 from cranedyn.lifts.judging.lift_figures import LiftFigure, figures
@@ -213,7 +219,11 @@ def judge(
         chart_error = setup_gap(inputs.chart, inputs.falls, site)
         chart_covers = not chart_error
     if inputs.chart is not None and chart_covers:
+        lift = certificate.lift
         try:
+            planned = hook_radii(lift.clearance, lift.timed.places)
+            if planned is not None:
+                refuse_planned_radii(planned, run_loads, inputs.chart, inputs.falls)
             used = utilisation(run_loads, inputs.chart, inputs.falls, gravity=crane.gravity)
         except OutOfRange as error:
             chart_error = str(error)

@@ -36,7 +36,7 @@ class LiftPosition:
         name: What happens there, such as "pick-up".
         t: Time at which the load is there [s].
         place: The place of the load in the frame of the site [m], shape (3,).
-        radius: Radius of the rope's upper end from the slew axis [m]; None for a crane that does
+        radius: Distance of the hook in plan from the slew axis [m]; None for a crane that does
             not slew.
         rated: Rated load there [kg]; None without a chart that reaches all places of the lift.
         gross: Mass of all that hangs [kg].

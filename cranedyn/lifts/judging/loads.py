@@ -88,8 +88,12 @@ def loads(
 
     With a slew, too:
 
-    * `radius_m`: distance of the pivot of the rope from the slew axis.
-    * `load_moment_Nm`: pull times radius, which is what a load moment indicator shows.
+    * `radius_m`: distance of the hook from the slew axis in plan, which is the radius that a load
+      chart means. A load that hangs plumb has its pivot at the same radius. One that is swept round
+      hangs farther out than its pivot, which the pull of the rope then tilts the crane with.
+    * `pivot_radius_m`: distance of the pivot of the rope from the slew axis in plan.
+    * `load_moment_Nm`: pull times the radius of the pivot of the rope, which is what a load moment
+      indicator shows that knows the geometry of the boom.
     * `ring_vertical_N`: force on the slewing ring, downwards positive.
     * `ring_tilting_Nm`: moment in the plane of the jib, jib down positive.
     * `ring_lateral_Nm`: moment about the direction of the jib.
@@ -445,16 +449,24 @@ def _of_ring(
     assert joints.slew is not None and joints.pivot is not None
     outward, aside = _jib_directions(moving, joints)
     ring = moving.through(joints.slew)
-    across = moving.origin(joints.pivot) - ring.point
-    radius = np.hypot(across[:, 0], across[:, 1])
+    assert joints.hoist is not None  # its pull is given
+    pivot_radius = _distance_in_plan(moving.origin(joints.pivot), ring.point)
     return {
-        "radius_m": radius,
-        "load_moment_Nm": pull * radius,
+        "radius_m": _distance_in_plan(moving.origin(joints.hoist), ring.point),
+        "pivot_radius_m": pivot_radius,
+        "load_moment_Nm": pull * pivot_radius,
         "ring_vertical_N": -ring.force[:, 2] + arm_weight,
         "ring_tilting_Nm": _along(ring.moment, aside) + arm_moment,
         "ring_lateral_Nm": _along(ring.moment, outward),
         "ring_torsion_Nm": ring.moment[:, 2],
     }
+
+
+def _distance_in_plan(points: np.ndarray, others: np.ndarray) -> np.ndarray:
+    """Return the distances of points from others in plan [m], shape (rows,), of shape (rows, 3)
+    each.
+    """
+    return np.hypot(points[:, 0] - others[:, 0], points[:, 1] - others[:, 1])
 
 
 def _of_boom(crane: Crane, moving: CraneStates) -> dict[str, np.ndarray]:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_positions import LiftPosition, interpolation, lift_positions
 from cranedyn.lifts.judging.plan_checks import KMH, LOAD, MAKER, SITE, wind_bounds
@@ -51,6 +53,13 @@ def positions_table(analysis: LiftAnalysis) -> Table:
         f"Places: middle of the load. Rated capacity from: {chart}. The share is that of the load "
         "at rest; with the dynamics of the lift it is the utilisation of the chart."
     )
+    note += _interpolation_note(analysis, positions)
+    return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
+
+
+def _interpolation_note(analysis: LiftAnalysis, positions: Sequence[LiftPosition]) -> str:
+    """Return how the rated loads of positions follow from points of the chart, in sentences."""
+    note = ""
     interpolated: dict[str, list[str]] = {}
     for position in positions:
         between = "" if position.radius is None else interpolation(analysis, position.radius)
@@ -59,8 +68,13 @@ def positions_table(analysis: LiftAnalysis) -> Table:
     for between, names in interpolated.items():
         note += f" Interpolated {between}: {', '.join(names)}."
     if interpolated:
-        note += " Many makers do not allow interpolation."
-    return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
+        note += " Many makers do not allow interpolation: interpolation = false in the chart."
+    if analysis.chart is not None and not analysis.chart.interpolation:
+        note += (
+            " The maker does not allow interpolation: at each place the load of the next larger "
+            "radius of the chart counts."
+        )
+    return note
 
 
 def _capacity(position: LiftPosition) -> Row:

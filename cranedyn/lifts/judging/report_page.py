@@ -26,6 +26,7 @@ from cranedyn.interfaces import State
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
 from cranedyn.lifts.judging.drawings.sheet import MARGIN
+from cranedyn.lifts.judging.hook_radius import hook_radii
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -48,6 +49,7 @@ from cranedyn.lifts.judging.plan_tables import (
 from cranedyn.lifts.judging.table import Table
 from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import drag_area
+from cranedyn.lifts.planning.site import Site
 from cranedyn.plotting.html import PageFigure, PageTable, render, worst_first
 from cranedyn.recording.sketch import sketch
 from cranedyn.verdict import Check, Verdict, overall
@@ -162,7 +164,7 @@ class Notice(NamedTuple):
 
 def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
     """Return what whoever signs must know before any number: that the chart is of no real crane,
-    and which lift of a shift this is.
+    that the load hangs at an end, and which lift of a shift this is.
     """
     notices = []
     if analysis.chart is not None and analysis.chart.example:
@@ -171,6 +173,9 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
             "chart of your crane as [crane] chart (cranedyn template chart), and judge again."
         )
         notices.append(Notice(sentence, warns=True))
+    hangs = _hangs_at(analysis.site)
+    if hangs:
+        notices.append(Notice(hangs, warns=False))
     shift = analysis.site.details.shift
     if shift is not None:
         sentence = (
@@ -179,6 +184,31 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
         )
         notices.append(Notice(sentence, warns=False))
     return notices
+
+
+def _hangs_at(site: Site) -> str:
+    """Return at which ends of a lift the load hangs, and what the verdict leaves out therefore, in
+    a sentence; empty if it stands at both.
+    """
+    hanging = []
+    for end, name, left_out in (
+        (site.start, "start", "its pick-up"),
+        (site.goal, "end", "its set-down"),
+    ):
+        if not stands_at(end):
+            hanging.append((name, left_out))
+    if not hanging:
+        return ""
+    if len(hanging) == 2:
+        return (
+            "The load hangs at the start and at the end of this lift: its pick-up and its set-down "
+            "are not in this plan, nor in its verdict."
+        )
+    ((name, left_out),) = hanging
+    return (
+        f"The load hangs at the {name} of this lift: {left_out} is not in this plan, nor in its "
+        "verdict."
+    )
 
 
 def _sheets_or_reason(scene: LiftScene) -> tuple[list[LiftSheet], list[str]]:
@@ -216,13 +246,14 @@ def _picture(analysis: LiftAnalysis) -> PageFigure:
         caption = "The crane of this lift from the side, at the start."
     else:
         # The certified run has the same places as that with lift-off, and other rows.
-        centres = analysis.certificate.lift.clearance.point(
-            run.q[:, analysis.certificate.lift.clearance.drive_joints]
-        )
+        clearance = analysis.certificate.lift.clearance
+        radii = hook_radii(clearance, analysis.certificate.lift.timed.places)
+        assert radii is not None  # the loads have a radius
+        centres = clearance.point(run.q[:, clearance.drive_joints])
         row = int(np.linalg.norm(centres[:, :2], axis=1).argmax())
         caption = (
             "The crane of this lift from the side, its hook at a radius of "
-            f"{np.linalg.norm(centres[row, :2]):.1f} m, where the load is farthest out."
+            f"{radii.max():.1f} m, where the load is farthest out."
         )
     q = run.q[row].copy()
     slew = LoadJoints.of(crane).slew

@@ -14,9 +14,9 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import pinocchio as pin
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.hook_radius import hook_radius
 from cranedyn.lifts.judging.numbered_positions import (
     LoadAtRest,
     Position,
@@ -126,23 +126,6 @@ def motion_steps(analysis: LiftAnalysis, positions: list[Position]) -> list[Lift
     return steps
 
 
-def radius_of_load(clearance: Clearance, place: np.ndarray) -> float | None:
-    """Return the distance in plan of the load from the slew axis at a place [m], as a chart counts
-    it; None for a crane that does not turn.
-
-    Args:
-        clearance: Crane and site.
-        place: Positions of the drives, shape (3,).
-    """
-    if clearance.turning is None:
-        return None
-    crane = clearance.crane
-    data = crane.model.createData()
-    pin.forwardKinematics(crane.model, data, clearance.q(place))
-    axis = data.oMi[int(clearance.drive_joints[clearance.turning]) + 1].translation
-    return float(np.linalg.norm((clearance.point(place) - axis)[:2]))
-
-
 def _moving(clearance: Clearance, places: np.ndarray) -> list[int]:
     """Return the drives that move in some places, shape (n, 3), by more than what is not told."""
     moved = np.ptp(places, axis=0)
@@ -168,8 +151,8 @@ def _movement(clearance: Clearance, places: np.ndarray, drive: int) -> str:
         sentence = f"Slew {math.degrees(abs(turn)):.0f}° to the {side}"
         return sentence + _detour(np.degrees(turns - turns[0]), "°", 1.0)
     name = joint.role or joint.symbol
-    first = radius_of_load(clearance, places[0])
-    last = radius_of_load(clearance, places[-1])
+    first = hook_radius(clearance, places[0])
+    last = hook_radius(clearance, places[-1])
     if first is not None and last is not None:
         verb = "Luff" if joint.kind == "revolute" else name.capitalize()
         way = "out" if last > first else "in"

@@ -491,9 +491,10 @@ def _enter_values(
     if radius is None:  # it does not slew
         used = loads["pull_N"] / (gravity * reeving.constant)
     else:
-        inside = np.clip(radius, reeving.least, reeving.radii[-1])
-        used = loads["pull_N"] / (gravity * reeving.at(inside))
-        used = np.where(inside == radius, used, _FAILED)
+        pivot_radius = loads["pivot_radius_m"]
+        inside = np.clip(pivot_radius, reeving.least, reeving.radii[-1])
+        used = loads["pull_N"] / (gravity * reeving.at_swinging(radius, inside))
+        used = np.where(inside == pivot_radius, used, _FAILED)
     values["utilisation"][rows] = used.max(axis=1)
     # Both leads are angles from plumb in planes at right angles: squares of their tangents add.
     lead = np.hypot(np.tan(loads["off_lead_rad"]), np.tan(loads["side_lead_rad"]))

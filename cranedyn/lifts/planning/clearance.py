@@ -93,6 +93,11 @@ class Nearest(NamedTuple):
     body: str
     obstacle: str
 
+    @property
+    def is_own(self) -> bool:
+        """Whether the obstacle is a part of the crane itself."""
+        return self.obstacle.startswith("own ")
+
 
 class NearestPoints(NamedTuple):
     """Nearest points of a body and an obstacle.

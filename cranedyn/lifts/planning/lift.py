@@ -22,7 +22,7 @@ import numpy as np
 from cranedyn.checks import finite
 from cranedyn.errors import CraneError, DataError, UnknownName
 from cranedyn.interfaces import State
-from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.clearance import ROUNDING, Clearance
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.curve import (
     Path,
@@ -520,15 +520,34 @@ def _advice(clearance: Clearance, name: str, drive_position: np.ndarray) -> str:
 def _lowest(clearance: Clearance, point: np.ndarray, name: str) -> np.ndarray:
     """Return the place down to which the load can hang with its swing and the margins of `EXTRA`,
     above a point [m], shape (2,).
+
+    The search goes down from the shortest cable as far as the load comes to nothing of the site. Up
+    there a load hangs beside the head of a boom, so that the crane itself is no reason to stop: the
+    load may be too near to its own boom at first, and far enough from it farther down.
     """
     place = clearance.highest_place(point, name, PROOF_MARGIN)
     longest = float(clearance.crane.upper[clearance.hoist])
     for length in np.arange(place[2], longest, _LOWERING_STEP):
         lower = np.array([*place[:2], length])
-        if not clearance.swing_margin(lower) >= max(EXTRA) + PROOF_MARGIN:
+        if clearance.swing_margin(lower) >= max(EXTRA) + PROOF_MARGIN:
+            place = lower
+        elif _is_near_site(clearance, lower):
             break
-        place = lower
     return place
+
+
+def _is_near_site(clearance: Clearance, place: np.ndarray) -> bool:
+    """Return whether what hangs at a place is nearer than the margins of `EXTRA` to something that
+    is no part of the crane.
+    """
+    q = clearance.q(place)
+    needed = max(EXTRA) + PROOF_MARGIN + ROUNDING + clearance.envelope(float(clearance.cable(q)))
+    zones = {solid.name for solid in clearance.solids if solid.zone}
+    for pair in clearance.distances(q, jib=False).values():
+        required = 0.0 if pair.obstacle in zones else clearance.site.distance
+        if not pair.is_own and not pair.distance - required >= needed:
+            return True
+    return False
 
 
 def _ends_both_ways(

@@ -41,12 +41,14 @@ class Standing:
         below: What the foot stands on, the ground or an obstacle; empty if it stands on nothing.
         pairs: Pairs of what stands with the obstacles that it was compared with.
         standing: What stands, to begin a sentence with.
+        is_mobile: Whether it is the mobile crane of this project, whose structure is its carrier.
     """
 
     inside: tuple[BodyAndObstacle, ...]
     below: str
     pairs: Pairs
     standing: str
+    is_mobile: bool = False
 
 
 def standing_parts(clearance: Clearance) -> Standing:
@@ -85,7 +87,9 @@ def standing_parts(clearance: Clearance) -> Standing:
         inside.append(BodyAndObstacle(name_of_standing, GROUND))
     each_once = tuple(dict.fromkeys(inside))
     standing = "Mast, foot and base" if name_of_standing == "mast" else "The standing parts"
-    return Standing(each_once, below, frozenset(compared), standing)
+    described = site.description
+    is_mobile = described is not None and described.kind == "mobile"
+    return Standing(each_once, below, frozenset(compared), standing, is_mobile)
 
 
 def standing_check(result: Standing) -> Check:
@@ -102,7 +106,13 @@ def standing_check(result: Standing) -> Check:
             True,
         )
     listed = ", ".join(f"the {body} stands in {obstacle}" for body, obstacle in result.inside[:5])
-    return Check(f"The crane cannot stand there: {listed}.", False)
+    carrier = ""
+    if result.is_mobile:
+        carrier = (
+            " The structure is the carrier with its outriggers; its nose points to -Y of the site "
+            "at yaw = 0, and turns with yaw counter-clockwise."
+        )
+    return Check(f"The crane cannot stand there: {listed}.{carrier}", False)
 
 
 def _shrunk(corners: np.ndarray) -> np.ndarray:

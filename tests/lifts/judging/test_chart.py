@@ -120,13 +120,28 @@ def test_utilisation_is_that_of_a_chart_by_hand(falls: int | None, rated: float)
 
 
 def test_a_load_that_swings_takes_of_the_chart_what_pulls_down() -> None:
-    """Let go at φ a point load pulls m g cos φ along the rope, and m g cos² φ down."""
+    """Let go at φ a point load pulls m g cos φ along the rope, and m g cos² φ down, at the radius
+    of the hook, where the moment of the chart is 40 t m.
+    """
     point = {"payload_inertia": 0.0, "dummy_mass": 0.0, "dummy_inertia": 0.0, "damp_swing": 0.0}
     of = crane(payload_mass=2000.0, **point)
     start = of.state(x=16.0, l=10.0, phi=0.5)
     run = simulate(of, locked, start=start, duration=0.005, drive="motion")
     used, _ = assess_run(of, run, BY_HAND)
-    assert used[0] == pytest.approx(2000.0 / 2500.0 * np.cos(0.5) ** 2, rel=1e-9)
+    radius = 16.0 - 10.0 * np.sin(0.5)
+    assert loads(of, run)["radius_m"][0] == pytest.approx(radius, rel=1e-9)
+    assert used[0] == pytest.approx(2000.0 / (40e3 / radius) * np.cos(0.5) ** 2, rel=1e-9)
+
+
+def test_a_plan_beyond_the_chart_is_refused_and_a_rope_held_beyond_it_too() -> None:
+    """What only swings beyond the chart is judged; what hangs plumb there is not."""
+    rated = BY_HAND.on(2)
+    assert rated.at_swinging(np.array([25.0, 1.0]), np.array([20.0, 2.0])).tolist() == [1600, 4000]
+    rated.refuse_planned(np.array([1.9985, 20.0015]))
+    with pytest.raises(OutOfRange, match=r"is 20\.1"):
+        rated.refuse_planned(np.array([5.0, 20.1]))
+    with pytest.raises(OutOfRange, match=r"is 20\.1"):
+        rated.at_swinging(np.array([19.0]), np.array([20.1]))
 
 
 @pytest.mark.parametrize("radius", [1.99, 20.01, 23.0, -12.0])
@@ -134,6 +149,27 @@ def test_outside_of_its_radii_a_chart_says_nothing(radius: float) -> None:
     with pytest.raises(OutOfRange, match=r"radius on 4 falls is .* allowed is 2 to 20, where the"):
         BY_HAND.on(4).at(np.array([12.0, radius]))
     assert BY_HAND.on(4).at(np.array([2.0, 20.0])).tolist() == [6000.0, 3000.0]
+
+
+def test_a_maker_who_forbids_interpolation_has_the_load_of_the_next_larger_radius(
+    tmp_path: Path,
+) -> None:
+    file = tmp_path / "chart.toml"
+    (tmp_path / "table.csv").write_text("r, 20, 30\n10, 4000, 3500\n15, 3000, 2900\n20, 2000,\n")
+    text = 'name = "a"\nsource = "b"\ninterpolation = false\n'
+    file.write_text(text + '[[falls]]\ncount = 2\ntable = "table.csv"\n')
+    chart = read_chart(file)
+    assert not chart.interpolation
+    loads_at = chart.on(2, 20.0).at(np.array([10.0, 10.001, 10.1, 14.9, 15.0, 15.1, 20.0]))
+    assert loads_at.tolist() == [4000.0, 4000.0, 3000.0, 3000.0, 3000.0, 2000.0, 2000.0]
+    # Between two booms the smaller one of both, at the next larger radius of each.
+    assert chart.on(2, 25.0).at(np.array([10.0, 12.0])).tolist() == [3500.0, 2900.0]
+    assert chart.on(2, 20.0).points_about(12.0) is None
+    file.write_text(file.read_text().replace("[[falls]]", 'between_booms = "linear"\n[[falls]]'))
+    with pytest.raises(DataError, match=r"between_booms: \"linear\" interpolates"):
+        read_chart(file)
+    file.write_text(file.read_text().replace("interpolation = false\n", ""))
+    assert read_chart(file).interpolation
 
 
 def test_the_fewest_falls_come_first_whatever_the_order_of_the_file(tmp_path: Path) -> None:

@@ -110,6 +110,7 @@ def test_the_radius_of_a_crane_from_a_file_is_that_of_its_rope_not_of_its_trolle
     jib = load_crane(tmp_path / "jib.urdf", locked={"travel_joint": 12.0})
     found = at_rest(jib, jib.start)
     assert found["radius_m"] == pytest.approx(2.0 + 8.0 + 4.0)
+    assert found["pivot_radius_m"] == pytest.approx(2.0 + 8.0 + 4.0)
     assert found["load_moment_Nm"] == pytest.approx(5000.0 * jib.gravity * 14.0)
 
 

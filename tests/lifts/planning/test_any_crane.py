@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
@@ -22,7 +23,7 @@ from cranedyn.lifts.planning.coverage import coverage_check
 from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.ground_lift import from_ground
 from cranedyn.lifts.planning.hoist_chain import HoistChain
-from cranedyn.lifts.planning.lift import plan_lift
+from cranedyn.lifts.planning.lift import EXTRA, _end, _lowest, plan_lift
 from cranedyn.lifts.planning.optimal import optimal
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.solids import box
@@ -520,3 +521,24 @@ def test_a_hook_does_not_enter_what_hangs_from_the_link_above_it(tmp_path: Path)
 def test_a_crane_with_another_drive_is_to_be_locked() -> None:
     with pytest.raises(ModelError, match=r"has 4 drives: .* Hold the others: locked="):
         HoistChain(load_crane(PORTAL))
+
+
+@pytest.mark.parametrize("top", [0.1, 1.2])
+def test_a_load_that_stands_near_its_boom_hangs_just_above_what_it_stands_on(top: float) -> None:
+    """On the shortest cable it is too near to the boom; it hangs as low as it may, above a lorry,
+    and never below a deck.
+    """
+    lorry = box("lorry", (-9.0, 1.5), (8.0, 2.5, top), 0.0)
+    asked = ChainClearance(crane("mobile"), Site("test", (lorry,), load=corners(1.2, 3.4, 1.9)))
+    point = np.array([-9.0, 1.5])
+    assert asked.swing_margin(asked.highest_place(point, "start", 0.0)) < 0.0
+    place = _end(asked, "start", point)
+    underside = float(asked.point(place)[2]) - 0.95
+    envelope = asked.envelope(float(asked.cable(asked.q(place))))
+    least = top + asked.site.distance + max(EXTRA) + envelope
+    assert least <= underside <= least + 0.15
+    # A deck through which the load passes nowhere.
+    deck = box("deck", (-9.0, 1.5), (8.0, 4.0, 0.3), 6.0)
+    below_boom = replace(asked.site, solids=(lorry, deck))
+    place = _lowest(ChainClearance(asked.crane, below_boom), point, "start")
+    assert float(asked.point(place)[2]) > 6.3

@@ -21,7 +21,12 @@ from cranedyn.lifts.planning.details_file import (
     SLING_FIELDS,
     SPREADER_FIELDS,
 )
-from cranedyn.lifts.planning.file_templates import TEMPLATES, template_text, write_file_template
+from cranedyn.lifts.planning.file_templates import (
+    CRANE_KINDS,
+    TEMPLATES,
+    template_text,
+    write_file_template,
+)
 from cranedyn.lifts.planning.site_file import read_site
 from cranedyn.lifts.sites.crane_site_file import read_crane_site
 
@@ -91,3 +96,53 @@ def test_a_template_is_written_once(
     assert Path("site.toml").read_text(encoding="utf-8") == "mine"
     with pytest.raises(UnknownName, match="There is no template 'sites'"):
         write_file_template("sites", tmp_path / "new.toml")
+
+
+@pytest.mark.parametrize("kind", ["mobile", "overhead"])
+def test_a_site_for_another_crane_plans_with_its_examples(kind: str, tmp_path: Path) -> None:
+    pytest.importorskip("toppra", reason="extra planning (toppra) is not installed")
+    from cranedyn.lifts.planning.lift import plan_lift
+
+    for name in ("site", "chart"):
+        if kind in CRANE_KINDS[name]:
+            write_file_template(name, tmp_path / f"{name}.toml", kind)
+    file = tmp_path / "site.toml"
+    text = file.read_text(encoding="utf-8")
+    here = read_site(file)
+    assert here.limits is None and here.start is None and not here.rigging
+    text = with_examples(text).replace('"my_crane.toml"', '"laboratory"')
+    if kind == "mobile":
+        chart = read_chart(tmp_path / "chart.toml")
+        assert chart.booms(2) == [24.0, 30.0] and chart.example
+        assert chart.counterweight == 12000.0 and chart.outriggers == 6.4
+        (tmp_path / "chart.toml").write_text(with_examples(template_text("chart", kind)))
+        assert not read_chart(tmp_path / "chart.toml").interpolation
+        text = text.replace('"laboratory"', '"chart.toml"')
+    file.write_text(text, encoding="utf-8")
+    here = read_site(file)
+    assert here.unusual == () and len(here.solids) == 3
+    for field in CRANE_FIELDS:
+        # Neither has ballast on a base, and a bridge none at all.
+        if not field.endswith("_ballast"):
+            assert f"[crane] {field}" in here.entered
+    assert here.limits is not None
+    lift = plan_lift(here, here.limits)
+    assert lift.timed.motion.arrival > 5.0
+
+
+def test_a_template_knows_its_kinds_and_its_hints_name_the_site(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UnknownName, match="kind of crane for a template of chart"):
+        template_text("chart", "overhead")
+    assert template_text("site", "tower") == template_text("site")
+    assert main(["template", "site", "street.toml", "--kind", "mobile"]) == 0
+    shown = capsys.readouterr().out
+    assert (
+        "cranedyn drive --site street.toml" in shown and "lift_report --site street.toml" in shown
+    )
+    assert main(["template", "chart", "--kind", "mobile"]) == 0
+    shown = capsys.readouterr().out
+    assert "cranedyn template site --kind mobile" in shown
+    assert "lift_report --site site.toml --chart chart.toml" in shown

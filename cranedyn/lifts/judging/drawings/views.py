@@ -41,6 +41,7 @@ from cranedyn.lifts.judging.drawings.swept import (
     swept_areas,
     unit_in_plan,
 )
+from cranedyn.lifts.judging.hook_radius import hook_radius
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.numbered_positions import (
     LoadsAtRest,
@@ -48,7 +49,6 @@ from cranedyn.lifts.judging.numbered_positions import (
     loads_at_rest,
     numbered_positions,
 )
-from cranedyn.lifts.judging.sequence import radius_of_load
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
 from cranedyn.lifts.planning.solids import Solid
@@ -199,7 +199,7 @@ class LiftScene:
         """Return the distance in plan of the load from the slew axis at a position [m]; None for a
         crane that does not turn.
         """
-        return radius_of_load(self.clearance, self.positions[index].place)
+        return hook_radius(self.clearance, self.positions[index].place)
 
     def hook_height(self, index: int) -> float:
         """Return the height of the saddle of the hook above the ground at a position [m]: from the
