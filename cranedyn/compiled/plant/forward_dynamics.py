@@ -177,8 +177,8 @@ class _Hanging(NamedTuple):
 def _hanging(tree: Bodies, poses: Sequence[Frame]) -> _Hanging:
     """Return how the last body hangs, which is a sliding point.
 
-    There are hinges only if each moves the load in one direction across the rope, which is another
-    one for each, and shares no inertia with any other joint.
+    There are hinges only if each moves the load in one direction, which is across the rope and
+    another one for each, and shares no inertia with any other joint.
 
     Args:
         tree: The bodies, without the mass of the last one.
@@ -187,13 +187,15 @@ def _hanging(tree: Bodies, poses: Sequence[Frame]) -> _Hanging:
     hinges = _free_hinges(tree)
     hanging = _hanging_from(tree, poses, hinges)
     in_directions = list(hanging.hinge_in.values())
-    shares_inertia = False
+    is_coupled = False
     for i in hinges:
         coupled = np.delete(hanging.mass[i], i)
-        shares_inertia |= not all(is_zero(number) for number in coupled)
-        moved = [k for k in hanging.across if not is_zero(hanging.jacobian[k][i])]
-        shares_inertia |= len(moved) != 1
-    if shares_inertia or sorted(in_directions) != sorted(hinges):
+        is_coupled |= not all(is_zero(number) for number in coupled)
+        moved = [k for k in range(3) if not is_zero(hanging.jacobian[k][i])]
+        # One that also moves a load along the rope, such as one that hangs aside of it, feels the
+        # rope, too.
+        is_coupled |= len(moved) != 1 or moved[0] == hanging.rope
+    if is_coupled or sorted(in_directions) != sorted(hinges):
         return _hanging_from(tree, poses, [])
     return hanging
 

@@ -110,6 +110,18 @@ def _with_load_beside_the_rope(tree: Bodies) -> Bodies:
     return replace(tree, lever=levers)
 
 
+def _with_load_ahead_of_the_rope(tree: Bodies) -> Bodies:
+    levers = tree.lever.copy()
+    levers[4] = array([0.3, 0.0, 0.5])
+    return replace(tree, lever=levers)
+
+
+def _with_load_aside_of_the_rope(tree: Bodies) -> Bodies:
+    levers = tree.lever.copy()
+    levers[4] = array([0.0, -0.2, 0.5])
+    return replace(tree, lever=levers)
+
+
 def _with_armature(tree: Bodies) -> Bodies:
     return replace(tree, armature=array([0.0, 0.0, 2.0, 3.0, 0.0]))
 
@@ -124,7 +136,14 @@ def _with_heavy_link(tree: Bodies) -> Bodies:
 
 @pytest.mark.parametrize(
     "change",
-    [_with_unequal_inertia, _with_load_beside_the_rope, _with_armature, _with_heavy_link],
+    [
+        _with_unequal_inertia,
+        _with_load_beside_the_rope,
+        _with_load_ahead_of_the_rope,
+        _with_load_aside_of_the_rope,
+        _with_armature,
+        _with_heavy_link,
+    ],
 )
 def test_what_shares_its_inertia_with_others_is_no_hinge(change: object) -> None:
     assert callable(change)

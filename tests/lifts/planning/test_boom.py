@@ -133,7 +133,7 @@ def test_a_boom_may_be_held_by_its_joint_and_may_have_another_base_section(tmp_p
         (
             "counterweight = 12000.0 ",
             "values = { counterweight = 9e3 }\ncounterweight = 12e3 #",
-            "counterweight is among the values of .crane., too",
+            "counterweight: the same value is entered twice: here, and as counterweight = 9000 in",
         ),
         ("permitted = 400.0 ", 'along = "street" #', "There is no way to lie 'street'"),
     ],

@@ -108,7 +108,11 @@ def test_what_only_the_people_on_the_site_know_is_entered_in_tables_of_its_own(
         ("accelerations = [0.9, 0.4, 0.3]\n", "", "[drives] accelerations: it is missing."),
         ("mass = 870.0\n", "", "[load] mass: it is missing; hook and slings are counted besides."),
         ("hook = 100.0", "hok = 100.0", "[rigging] hok"),
-        ("[load]", "[crane]\nvalues = {payload_mass = 5.0}\n[load]", "[load] mass: payload_mass"),
+        (
+            "[load]",
+            "[crane]\nvalues = {payload_mass = 5.0}\n[load]",
+            "[load] mass: the same value is entered twice: here, and as payload_mass = 5 in",
+        ),
         ("efforts = [2e5", "efforts = [-2e5", "one of efforts is -200000.0 N m; allowed is > 0"),
         ("rates = [4.5", "rates = [0.0", "one of rates is 0.0 degrees/s; allowed is > 0"),
         ("rates = [4.5, ", "rates = [", "allowed is 3 numbers [degrees/s, m/s, m/s]"),
