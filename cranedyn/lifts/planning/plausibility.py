@@ -320,6 +320,7 @@ def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Findi
         *_of_structure(site),
         *_of_rigging(site),
         *_of_plan(site),
+        *_of_papers_beside_model(site),
         *_of_places(site, reach),
     ]
 
@@ -587,6 +588,60 @@ def _of_plan(site: Site) -> Iterator[Finding]:
     ):
         if value is not None:
             yield from judge_value(quantity, value, table, field)
+
+
+def _of_papers_beside_model(site: Site) -> Iterator[Finding]:
+    """Yield what the papers of the crane say and the crane that moves cannot have: a plan for one
+    crane that was computed for another is none.
+    """
+    papers = site.details.crane
+    balance = [arm.mass for arm in site.arms if arm.centre < 0.0]
+    bounds = (
+        (
+            "jib_length",
+            "The length of the jib",
+            papers.jib_length,
+            site.crane.get("trolley_max"),
+            "m, and trolley_max in the values of [crane], the way of the trolley on it",
+            False,
+        ),
+        (
+            "height_under_hook",
+            "The largest height of the hook",
+            papers.height_under_hook,
+            site.crane.get("pivot_height"),
+            "m, and pivot_height in the values of [crane], where the rope begins",
+            True,
+        ),
+        (
+            "counter_ballast",
+            "The counter-ballast",
+            papers.counter_ballast,
+            sum(balance) if balance else None,
+            "kg, and the mass of [counter_jib], of which it is a part",
+            True,
+        ),
+        (
+            "central_ballast",
+            "The central ballast",
+            papers.central_ballast,
+            None if site.base is None else site.base.mass,
+            "kg, and the mass of [base], of which it is a part",
+            True,
+        ),
+    )
+    for field, name, said, modelled, of_what, at_most in bounds:
+        if said is None or modelled is None:
+            continue
+        if said > modelled if at_most else said < modelled:
+            limit = "more" if at_most else "less"
+            yield Finding(
+                "crane",
+                field,
+                True,
+                f"{name} is {_number(said)} {of_what}, is {_number(modelled)}: it cannot be "
+                f"{limit}. One of them is of another crane or setup.",
+            )
 
 
 def _of_places(site: Site, reach: tuple[float, float] | None) -> Iterator[Finding]:

@@ -214,3 +214,32 @@ def test_a_number_that_is_none_is_refused_in_every_list(
 ) -> None:
     with pytest.raises((DataError, OutOfRange)):
         read_site(yard(tmp_path, (field, f"[1.0, {value}, 1.0]")))
+
+
+@pytest.mark.parametrize(
+    ("papers", "sentence"),
+    [
+        ({"jib_length": 45.0}, "jib is 45 m, and trolley_max in the values of [crane], the way"),
+        ({"height_under_hook": 38.0}, "hook is 38 m, and pivot_height in the values of [crane]"),
+        ({"counter_ballast": 25e3}, "counter-ballast is 25,000 kg, and the mass of [counter_jib]"),
+        ({"central_ballast": 95e3}, "central ballast is 95,000 kg, and the mass of [base], of"),
+    ],
+)
+def test_papers_of_another_crane_than_the_one_that_moves_are_refused(
+    papers: dict[str, float], sentence: str
+) -> None:
+    site = read_site("signed_lift")
+    crane = {**site.crane, "trolley_max": 60.0, "pivot_height": 31.5}
+    agreeing = {
+        **{"jib_length": 62.0, "height_under_hook": 29.0},
+        **{"counter_ballast": 3000.0, "central_ballast": 40e3},
+    }
+
+    def found(said: dict[str, float]) -> list[str]:
+        documents = replace(site.details.crane, **said)
+        entered = replace(site, crane=crane, details=replace(site.details, crane=documents))
+        return [str(finding) for finding in findings(entered) if finding.refused]
+
+    assert found(agreeing) == []
+    (refusal,) = found({**agreeing, **papers})
+    assert sentence in refusal
