@@ -346,7 +346,7 @@ def corner_range(analysis: LiftAnalysis) -> SupportForces | None:
     base = analysis.site.base
     if base is None or "corner_1_N" not in analysis.loads.values:
         return None
-    forces = np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
+    forces = _corner_forces(analysis)
     # A load heavier by its tolerance presses by that share of its own part in a corner, which is
     # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
     added = analysis.inputs.spread.load * analysis.loads["pull_N"]
@@ -355,6 +355,20 @@ def corner_range(analysis: LiftAnalysis) -> SupportForces | None:
         float((forces.min(axis=0) + np.minimum(added * (0.25 - tilting), 0.0)).min()),
         float((forces.max(axis=0) + added * (0.25 + tilting)).max()),
     )
+
+
+def _corner_forces(analysis: LiftAnalysis) -> np.ndarray:
+    """Return the forces of the corners on the ground, without wind [N], shape (4, rows)."""
+    return np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
+
+
+def _largest_corner_force(analysis: LiftAnalysis) -> float | None:
+    """Return the largest force of a corner with the load as it is entered, without wind [N]; None
+    if it is not known.
+    """
+    if corner_range(analysis) is None:
+        return None
+    return float(_corner_forces(analysis).max())
 
 
 def bearing_pressure(analysis: LiftAnalysis) -> float | None:
@@ -404,6 +418,14 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
     largest = max(known.values())
     forces = " and ".join(f"{force / 1e3:.0f} kN {name}" for name, force in known.items())
     sentence = f"By the crane's papers a corner presses with {forces}, wind on the crane included"
+    in_service = papers.corner_in_service
+    calm = _largest_corner_force(analysis)
+    if in_service is not None and calm is not None and in_service < calm:
+        return Check(
+            f"{sentence}: less in service than the {calm / 1e3:.0f} kN of this lift without wind. "
+            "The papers are of another crane or setup, or the base that is entered is.",
+            False,
+        )
     lacks, needed = _not_in_papers(papers)
     base = analysis.site.base
     permitted_force = None if base is None else base.permitted

@@ -310,6 +310,15 @@ def test_a_crane_that_is_laid_down_needs_no_force_out_of_service(
     assert values["By the papers, out of service"] == "not judged: boom laid down"
 
 
+def test_papers_with_less_force_than_the_lift_has_without_wind_are_of_another_crane() -> None:
+    calm = max(float(planned().loads[f"corner_{i}_N"].max()) for i in range(1, 5))
+    for force, holds in ((0.99 * calm, False), (1.01 * calm, True)):
+        crane = CraneDocuments(corner_in_service=force, corner_out_of_service=390e3)
+        check = papers_bear(planned(crane=crane))
+        assert check is not None and check.holds is holds
+        assert ("The papers are of another crane" in check.sentence) is not holds
+
+
 def test_the_first_page_has_the_largest_pressure_that_is_known() -> None:
     """On mats of 2 by 1.5 m; without wind a corner presses with less than 100 kN per m²."""
     ground = GroundDetails(200e3, None, 2.0, 1.5)
