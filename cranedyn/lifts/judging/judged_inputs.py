@@ -16,7 +16,11 @@ from cranedyn.lifts.judging.chart import Chart, read_chart
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.ground_lift import CREEP_SPEED, ROPE_STIFFNESS, stands_at
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT, Spread, drag_area
-from cranedyn.lifts.planning.plan_assumptions import plan_assumptions, with_estimates
+from cranedyn.lifts.planning.plan_assumptions import (
+    other_estimates,
+    plan_assumptions,
+    with_estimates,
+)
 from cranedyn.lifts.planning.plan_details import WEIGHT_TOLERANCES
 from cranedyn.lifts.planning.site import Site
 from cranedyn.model.crane import Crane
@@ -158,6 +162,7 @@ def resolve_inputs(
     else:
         falls = None
     assumptions += _lift_off(site, falls)
+    assumptions += other_estimates(site, assumptions)
     return JudgedInputs(
         replace(requirements, **resolved),  # type: ignore[arg-type]
         spread,

@@ -66,14 +66,35 @@ def with_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assump
     return marked
 
 
+def other_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assumption]:
+    """Return what a site calls an estimate and no assumption has, such as a corner force of the
+    crane's papers: a report that compares with it says so.
+    """
+    named = {name for assumption in assumptions for name in _fields_of(assumption.field)}
+    # Values of the crane are all among the assumptions, several of them in one.
+    rest = [
+        field
+        for field in sorted(site.estimated)
+        if field not in named and not field.startswith("[crane.values] ")
+    ]
+    if not rest:
+        return []
+    return [Assumption("other estimates", "; ".join(rest), Origin.ESTIMATED)]
+
+
 def _is_estimated(site: Site, field: str) -> bool:
-    """Return whether one of the fields that an assumption names, such as "[jib] mass, centre", was
-    estimated; the mass of a load is also if its source says so.
+    """Return whether one of the fields that an assumption names was estimated; the mass of a load
+    is also if its source says so.
     """
     if field == "[load] mass" and site.details.load.source == "estimated":
         return True
-    table, _, names = field.partition("] ")
-    return any(f"{table}] {name}" in site.estimated for name in names.split(", "))
+    return any(name in site.estimated for name in _fields_of(field))
+
+
+def _fields_of(text: str) -> list[str]:
+    """Return the fields that an assumption names, such as "[jib] mass, centre"."""
+    table, _, names = text.partition("] ")
+    return [f"{table}] {name}" for name in names.split(", ")]
 
 
 def held_mass(crane: Crane) -> float:

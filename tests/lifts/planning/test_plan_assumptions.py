@@ -91,6 +91,10 @@ def test_what_was_estimated_is_called_so(tmp_path: Path) -> None:
     weighed = rests_on(site(tmp_path, before=before))
     names = {name for name, found in weighed.items() if found.origin is Origin.ESTIMATED}
     assert names == {"mass of the jib", "mass of what slews, on the slew axis"}
+    before = 'estimated = ["[jib] centre", "[crane] wind_limit", "[crane] counter_ballast"]\n'
+    others = rests_on(site(tmp_path, before=before))["other estimates"]
+    assert others.origin is Origin.ESTIMATED
+    assert others.value == "[crane] counter_ballast; [crane] wind_limit"
     text = (WHOLE + STRUCTURE).replace('"weighed"', '"estimated"')
     found = rests_on(site(tmp_path, text))
     assert found["mass of the load with its rigging"].origin is Origin.ESTIMATED
