@@ -20,8 +20,8 @@ import numpy as np
 
 from cranedyn.compiled.kernel import Kernel, KernelSource, build_module
 from cranedyn.compiled.machine import assembly
-from cranedyn.compiled.memory_layout import size
-from cranedyn.compiled.threads import GROUP_POINTERS, WARP, emit_gpu_kernels
+from cranedyn.compiled.memory_layout import GROUP_POINTERS, size
+from cranedyn.compiled.threads import WARP, emit_gpu_kernels
 from cranedyn.compiled.verify import verify_cranes
 from cranedyn.errors import CraneError
 

@@ -285,3 +285,15 @@ group. A slot has eight bytes."""
 
 SLOTS = {name: slot for slot, name in enumerate(SLOT_TYPES)}
 """Index of each slot of a call."""
+
+GROUP_POINTERS = (
+    "state",
+    "numbers",
+    "starts",
+    "root_starts",
+    "delay",
+    "readings",
+    "log",
+    "summary",
+)
+"""Slots of a call whose addresses differ between groups, and between the lanes of a group."""

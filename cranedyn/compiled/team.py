@@ -23,22 +23,10 @@ from typing import Any
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, POINTER, Code, StackVariable, Value
-from cranedyn.compiled.memory_layout import SLOTS
+from cranedyn.compiled.memory_layout import GROUP_POINTERS, SLOTS
 
 TEAM = 2
 """Largest number of groups in a team; a power of two."""
-
-MEMBER_POINTERS = (
-    "state",
-    "numbers",
-    "starts",
-    "root_starts",
-    "delay",
-    "readings",
-    "log",
-    "summary",
-)
-"""Slots of a call that differ between the groups of a team: addresses of the memory of a group."""
 
 
 class Team:
@@ -80,7 +68,7 @@ class Team:
         """
         first_slot = self._code.product(self.index, len(SLOTS))
         call = self._code.address(self._calls, first_slot)
-        return {name: self._code.load_one(call, SLOTS[name], POINTER) for name in MEMBER_POINTERS}
+        return {name: self._code.load_one(call, SLOTS[name], POINTER) for name in GROUP_POINTERS}
 
 
 class TeamVariable(StackVariable):

@@ -21,7 +21,7 @@ from collections.abc import Mapping, Sequence
 from llvmlite import ir
 
 from cranedyn.compiled.code import INTEGER, POINTER, Code
-from cranedyn.compiled.memory_layout import SLOT_TYPES, SLOTS
+from cranedyn.compiled.memory_layout import GROUP_POINTERS, SLOT_TYPES, SLOTS
 
 WARP = 32
 """Threads that a GPU runs together; a power of two."""
@@ -31,18 +31,6 @@ RUN_THREAD = "run_thread"
 
 ACCELERATE_THREAD = "accelerate_thread"
 """Name of the function that computes the accelerations of one thread."""
-
-GROUP_POINTERS = (
-    "state",
-    "numbers",
-    "starts",
-    "root_starts",
-    "delay",
-    "readings",
-    "log",
-    "summary",
-)
-"""Slots of a call whose addresses differ between groups, and between the lanes of a group."""
 
 _INT32 = ir.IntType(32)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -104,21 +105,9 @@ def _with_unequal_inertia(tree: Bodies) -> Bodies:
     return replace(tree, inertia=inertias)
 
 
-def _with_load_beside_the_rope(tree: Bodies) -> Bodies:
+def _with_load_beside_the_rope(x: float, y: float, tree: Bodies) -> Bodies:
     levers = tree.lever.copy()
-    levers[4] = array([0.3, -0.2, 0.5])
-    return replace(tree, lever=levers)
-
-
-def _with_load_ahead_of_the_rope(tree: Bodies) -> Bodies:
-    levers = tree.lever.copy()
-    levers[4] = array([0.3, 0.0, 0.5])
-    return replace(tree, lever=levers)
-
-
-def _with_load_aside_of_the_rope(tree: Bodies) -> Bodies:
-    levers = tree.lever.copy()
-    levers[4] = array([0.0, -0.2, 0.5])
+    levers[4] = array([x, y, 0.5])
     return replace(tree, lever=levers)
 
 
@@ -138,9 +127,9 @@ def _with_heavy_link(tree: Bodies) -> Bodies:
     "change",
     [
         _with_unequal_inertia,
-        _with_load_beside_the_rope,
-        _with_load_ahead_of_the_rope,
-        _with_load_aside_of_the_rope,
+        pytest.param(partial(_with_load_beside_the_rope, 0.3, -0.2), id="load beside the rope"),
+        pytest.param(partial(_with_load_beside_the_rope, 0.3, 0.0), id="load ahead of the rope"),
+        pytest.param(partial(_with_load_beside_the_rope, 0.0, -0.2), id="load aside of the rope"),
         _with_armature,
         _with_heavy_link,
     ],
