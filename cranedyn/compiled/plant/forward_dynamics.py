@@ -1,24 +1,30 @@
 """Accelerations of a tree of bodies under generalized forces, in any kind of numbers, see
 `cranedyn.compiled.plant.rigid_body`.
 
-In general they solve the equations of all joints with the mass matrix of the tree. Where a load
-hangs from a rope, as on nearly every crane, most of that arithmetic cancels. It is left out there
-by three observations. With
+In general they are the solution of the equations of all joints with the mass matrix of the tree.
+Where a load hangs from a rope, as on nearly every crane, most terms of these equations drop out of
+their solution, and are not computed. Two kinds of joints make that possible:
 
-* the *load*, a point of mass m that slides along the rope, and
-* *hinges* between the rope and the rest: revolute joints whose bodies have no first moment about
-  them, such as the two joints of the pendulum at the pivot of a rope,
+* The last body is the *load*: a point of mass m that slides along the rope.
+* Between the rope and the rest there may be *hinges*, such as the two joints of the pendulum at the
+  pivot of a rope: revolute joints whose bodies have inertia but no mass, each of which moves the
+  load in one direction across the rope, a direction of its own, and shares no inertia with another
+  joint. All other joints are said to be *before* the hinges.
 
-1. along the rope the others feel the load by the effort T of the rope alone, whatever the
-   acceleration of the load;
-2. about its axis u a hinge transmits nothing but its effort. So the unknown is the angular
-   acceleration w = α·u of its body against the world, in place of the acceleration q̈ of the
-   joint. What lies before the hinge then does not turn its body about u, and feels nothing of its
-   inertia about u: both drop out of all that follows;
-3. across the rope the load accelerates in each of two directions by A + J a + j w. A is the part
-   that depends on no acceleration, a are the accelerations of the joints before the hinges, and j
-   is the lever about the one hinge that moves the load in this direction. With the inertia d about
-   the hinge, and the effort h that is left to accelerate it,
+There are three observations.
+
+1. Along the rope the others feel the load only by the pull T of the rope, whatever the acceleration
+   of the load. T is the effort of the rope less what forces from outside take of it, and is known.
+2. About its axis u a hinge transmits nothing but its effort. We are free to choose unknowns: for a
+   hinge we take the angular acceleration w = α·u of its body against the world, and not that of the
+   joint against the body before it. Written with w, the joints before the hinge do not turn its
+   body about u, and its inertia about u is in no equation but that of the hinge. The acceleration
+   of the joint follows from w at the end.
+3. Take one direction across the rope. There the load accelerates by A + J a + j w. A is the part
+   that depends on no acceleration, gravity included; a are the accelerations of the joints before
+   the hinges; and j is the lever about the one hinge that moves the load in this direction. With
+   the inertia d of the hinge's body about its axis, and the effort h of the hinge less what forces
+   from outside and gyroscopic torques take of it,
 
        d w + m j (A + J a + j w) = h,     so that     w = h/D - (m j/D) (A + J a),  D = d + m j².
 
@@ -29,16 +35,19 @@ by three observations. With
    So the joints before the hinges feel the share s of the mass only, which is small where the load
    has most of the inertia about the hinge, and a push p = s A + (m j/D) h, which is known.
 
-What is left to solve are the equations of the joints before the hinges. With the mass matrix M' and
-the unbalanced efforts b of the tree without the load, and the direction e along the rope,
+What is left to solve are the equations of the joints before the hinges, with a sum over both
+directions. M' is the mass matrix of the tree without the load, b are the efforts of these joints
+less what forces and velocities take of them there, and E is the velocity of the load along the rope
+per rate of each of these joints:
 
-    (M' + Σ s Jᵀ J) a = b - Σ p Jᵀ - T Jeᵀ.
+    (M' + Σ s Jᵀ J) a = b - Σ p Jᵀ - T Eᵀ.
 
 In a direction in which no hinge moves the load, s = m and p = m A. Without hinges the equations are
 those of all joints but the rope.
 
-The mass m, which is large, cancels against itself nowhere. For a crane of five joints two of five
-equations are left.
+The share s is computed as a product. Eliminating the hinges from the general equations would find
+it as the difference m - m² j²/D of two large numbers, and lose digits. Of the five joints of a
+tower crane two are left to solve for, slew and trolley.
 """
 
 from __future__ import annotations
@@ -93,9 +102,10 @@ def tree_forward_dynamics(
     without_load = replace(tree, mass=masses)
     hanging = _hanging(without_load, poses)
     hinges = {i: effort[i] for i in hanging.hinge_in.values()}
-    loads = newton_euler(without_load, poses, v, None, external_forces, root, hinges)
-    unbalanced = effort - loads.efforts
-    motion = loads.motions[last]
+    # Without acceleration of the joints before the hinges, and of the hinges against the world.
+    resisting_motion = newton_euler(without_load, poses, v, None, external_forces, root, hinges)
+    unbalanced = effort - resisting_motion.efforts
+    motion = resisting_motion.motions[last]
     bias = motion.acceleration + relative_acceleration(motion.omega, motion.alpha, tree.lever[last])
 
     # The joints before the hinges.
@@ -106,9 +116,11 @@ def tree_forward_dynamics(
     mass = hanging.mass[np.ix_(before, before)]
     right = unbalanced[before] - hanging.jacobian[rope][before] * array([pull])
     shares = {}
+    # A row of the Jacobian as a factor of all its entries, and what is left of them.
+    factored = {}
     for k in hanging.across:
         shares[k] = _across_rope(hanging, k, load, bias[k], unbalanced)
-        factor, rest = common_factor(hanging.jacobian[k][before])
+        factor, rest = factored[k] = common_factor(hanging.jacobian[k][before])
         mass = mass + np.multiply.outer(rest * array([shares[k].mass * (factor * factor)]), rest)
         right = right - rest * array([factor * shares[k].push])
     solved = solve_linear(mass, right)
@@ -118,7 +130,7 @@ def tree_forward_dynamics(
     for i, acceleration in zip(before, solved, strict=True):
         a[i] = acceleration
     for k, i in hanging.hinge_in.items():
-        factor, rest = common_factor(hanging.jacobian[k][before])
+        factor, rest = factored[k]
         given = bias[k] + factor * (rest @ solved)
         a[i] = shares[k].inverse * unbalanced[i] - shares[k].ratio * given
     others = bias[rope] + hanging.jacobian[rope][:last] @ a[:last]
@@ -132,7 +144,7 @@ def tree_forward_dynamics(
         # The generalized force of a unit torque is also the angular acceleration about its axis per
         # acceleration of each coordinate.
         turning = generalized_force(tree, poses, tree.parents[i], no_force, axis, hinges)
-        of_joints[i] = a[i] - turning @ a - loads.drifts[i]
+        of_joints[i] = a[i] - turning @ a - resisting_motion.drifts[i]
     return of_joints
 
 
@@ -201,8 +213,11 @@ def _hanging(tree: Bodies, poses: Sequence[Frame]) -> _Hanging:
 
 
 def _free_hinges(tree: Bodies) -> list[int]:
-    """Return the revolute joints next to the rope about which no body has a first moment, since
-    none but the load has a mass.
+    """Return the revolute joints next to the rope whose bodies have no mass, so that none of them
+    has a first moment about its joint.
+
+    A hinge needs a body before it, which `tree_forward_dynamics` asks for its motion, and no
+    armature, which would feel the motion against that body.
     """
     hinges: list[int] = []
     child = len(tree) - 1
@@ -213,6 +228,7 @@ def _free_hinges(tree: Bodies) -> list[int]:
         must_be_zero = [*along, tree.mass[i], tree.armature[i]]
         is_hinge = (
             children == [child]
+            and tree.parents[i] >= 0
             and all(is_zero(number) for number in must_be_zero)
             and _is_axis_of_frame(about)
         )
@@ -251,8 +267,8 @@ class _Share(NamedTuple):
     Attributes:
         mass: The share s of the mass.
         push: The push p.
-        inverse: 1/D; 0 without a hinge.
-        ratio: m j/D; 0 without a hinge.
+        inverse: 1/D; without a hinge it is not used.
+        ratio: m j/D; without a hinge it is not used.
     """
 
     mass: Any

@@ -142,3 +142,30 @@ def test_what_shares_its_inertia_with_others_is_no_hinge(change: object) -> None
     v = rng.uniform(-1.0, 1.0, 5)
     assert _hinges(tree, q) == []
     assert _agrees(tree, q, v, EFFORT)
+
+
+def test_a_pendulum_that_hangs_from_nothing_that_moves_swings_as_in_pinocchio() -> None:
+    """Its outer hinge has no body before it."""
+    model = pin.Model()
+    below = 0
+    joints = [
+        (pin.JointModelRY(), 20.0, pin.Inertia(0.0, np.zeros(3), 0.1 * np.eye(3))),
+        (pin.JointModelRX(), 0.0, pin.Inertia(0.0, np.zeros(3), 0.1 * np.eye(3))),
+        (pin.JointModelPrismaticUnaligned(np.array([0.0, 0.0, -1.0])), 0.0, pin.Inertia.Zero()),
+    ]
+    for i, (joint, height, inertia) in enumerate(joints):
+        place = pin.SE3(np.eye(3), np.array([0.0, 0.0, height]))
+        below = model.addJoint(below, joint, place, f"joint_{i}")
+        model.appendBodyToJoint(below, inertia, pin.SE3.Identity())
+    load = pin.Inertia(500.0, np.zeros(3), np.zeros((3, 3)))
+    model.appendBodyToJoint(below, load, pin.SE3.Identity())
+    tree = bodies_of_model(model)
+    tree = rigid_body.regrouped(tree.with_numbers(tree.numbers().tolist()))
+    q = np.array([0.3, -0.2, 10.0])
+    v = np.array([0.5, 0.4, -0.3])
+    effort = np.array([100.0, -50.0, -4000.0])
+    poses = rigid_body.frames(tree, q)
+    found = tree_forward_dynamics(tree, poses, v, array(effort.tolist())).astype(float)
+    data = model.createData()
+    expected = pin.aba(model, data, q, v, effort)
+    assert not rigid_body.disagreement(found, expected, pin.crba(model, data, q))
