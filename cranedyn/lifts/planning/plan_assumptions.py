@@ -54,8 +54,8 @@ def plan_assumptions(site: Site, crane: Crane, limits: Limits) -> list[Assumptio
 
 
 def with_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assumption]:
-    """Return assumptions, those as estimated of which the site says that what was entered is an
-    estimate.
+    """Return assumptions, with the origin "estimated" in place of "entered" where the site says
+    that what it enters is an estimate.
     """
     marked = []
     for assumption in assumptions:
@@ -67,16 +67,17 @@ def with_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assump
 
 
 def other_estimates(site: Site, assumptions: Iterable[Assumption]) -> list[Assumption]:
-    """Return what a site calls an estimate and no assumption has, such as a corner force of the
-    crane's papers: a report that compares with it says so.
+    """Return, as one assumption, the fields that a site calls estimates and that no assumption
+    shows as entered. Such are the corner forces of the crane's papers, which a report only compares
+    with what it computes, and rates where the plan takes less than was entered.
     """
-    named = {name for assumption in assumptions for name in _fields_of(assumption.field)}
-    # Values of the crane are all among the assumptions, several of them in one.
-    rest = [
+    shown = {
         field
-        for field in sorted(site.estimated)
-        if field not in named and not field.startswith("[crane.values] ")
-    ]
+        for assumption in assumptions
+        if assumption.origin in (Origin.ENTERED, Origin.ESTIMATED)
+        for field in _fields_of(assumption.field)
+    }
+    rest = sorted(site.estimated - shown)
     if not rest:
         return []
     return [Assumption("other estimates", "; ".join(rest), Origin.ESTIMATED)]
