@@ -377,11 +377,11 @@ def _template(parser: _Parser) -> None:
     add("template", choices=tuple(TEMPLATES), metavar="TEMPLATE", help=kinds)
     text = "where to write; it must not be there yet, by default TEMPLATE.toml"
     add("file", nargs="?", type=Path, metavar="FILE.toml", help=text)
-    text = f"with chart: instead a chart that comes with the package: {', '.join(CHART_EXAMPLES)}"
     crane_kinds = CRANE_KINDS["site"]
     listed = ", ".join(crane_kinds)
-    text = f"with site or chart: kind of the crane, {listed}; {crane_kinds[0]}"
+    text = f"with site or chart: kind of the crane, {listed}; by default {crane_kinds[0]}"
     add("--kind", choices=crane_kinds, metavar="CRANE", help=text)
+    text = f"with chart: instead a chart that comes with the package: {', '.join(CHART_EXAMPLES)}"
     add("--of", choices=CHART_EXAMPLES, metavar="CHART", help=text)
     parser.set_defaults(run=_run_template)
 
