@@ -198,11 +198,15 @@ class StackVariable:
 
     def get(self) -> Value:
         """Return its value at this point of the code."""
-        return Value(self._code, self._code.builder.load(self._place, typ=self._code.type))
+        return Value(self._code, self._code.builder.load(self._place_now(), typ=self._code.type))
 
     def set(self, value: Any) -> None:
         """Assign a value."""
-        self._code.builder.store(self._code.value(value).register, self._place)
+        self._code.builder.store(self._code.value(value).register, self._place_now())
+
+    def _place_now(self) -> ir.Value:
+        """Return the address of the variable at this point of the code."""
+        return self._place
 
 
 def uses(function: ir.Function) -> Counter[Any]:

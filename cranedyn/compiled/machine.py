@@ -76,7 +76,7 @@ def translate(module: ir.Module, *, inlining: bool = False) -> Machine:
     if content is None:
         content = _native_object(text, inlining)
         keep(name, content)
-    return _load(content, inlining)
+    return _load(content)
 
 
 @lru_cache(maxsize=1)
@@ -96,20 +96,18 @@ def _translator() -> tuple[str, ...]:
 
 def _native_object(text: str, inlining: bool) -> bytes:
     """Return the object file of the text of a module, optimised for this processor."""
-    # The global context would keep every constant for ever.
-    context = binding.create_context()
-    code, target = _optimised(text, context, inlining=inlining)
+    target, code = _optimised(text, inlining=inlining)
     code.data_layout = str(target.target_data)
     return target.emit_object(code)
 
 
-def _load(content: bytes, inlining: bool) -> Machine:
+def _load(content: bytes) -> Machine:
     """Return the functions of an object file of this processor, in memory."""
     context = binding.create_context()
     context._owned = True
     # The engine has a module of its own, which stays empty.
     module = binding.parse_assembly("", context)
-    engine = binding.create_mcjit_compiler(module, _target(3 if inlining else 2))
+    engine = binding.create_mcjit_compiler(module, _target(2))
     engine.add_object_file(binding.ObjectFileRef.from_data(content))
     engine.finalize_object()
     return Machine(engine, context)
@@ -117,18 +115,19 @@ def _load(content: bytes, inlining: bool) -> Machine:
 
 def native_assembly(module: ir.Module) -> str:
     """Return what `translate` makes of a module of many lanes, in assembly language."""
-    code, target = _optimised(str(module), binding.create_context(), inlining=True)
+    target, code = _optimised(str(module), inlining=True)
     return target.emit_assembly(code)
 
 
-def _optimised(text: str, context: Any, *, inlining: bool) -> tuple[Any, Any]:
-    """Return the text of a module as optimised code for this processor, and the processor's target
-    machine.
+def _optimised(text: str, *, inlining: bool) -> tuple[Any, Any]:
+    """Return a target machine of this processor, and the text of a module as optimised code for
+    it.
     """
     target = _target(3 if inlining else 2)
-    code = binding.parse_assembly(text, context)
+    # The global context would keep every constant for ever.
+    code = binding.parse_assembly(text, binding.create_context())
     _optimise(code, target, speed_level=1, inlining=inlining)
-    return code, target
+    return target, code
 
 
 def object_code(module: ir.Module, triple: str, features: str = "") -> bytes:

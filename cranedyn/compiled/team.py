@@ -18,11 +18,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
-from typing import Any
 
 from llvmlite import ir
 
-from cranedyn.compiled.code import INTEGER, POINTER, Code, StackVariable, Value
+from cranedyn.compiled.code import INTEGER, POINTER, Code, StackVariable
 from cranedyn.compiled.memory_layout import GROUP_POINTERS, SLOTS
 
 TEAM = 2
@@ -80,14 +79,6 @@ class TeamVariable(StackVariable):
         with code.builder.goto_entry_block():
             self._first_place = code.builder.alloca(code.type, TEAM)
 
-    def get(self) -> Value:
-        """Return its value for the group whose turn it is."""
-        return Value(self._code, self._code.builder.load(self._place_now(), typ=self._code.type))
-
-    def set(self, value: Any) -> None:
-        """Assign a value for the group whose turn it is."""
-        self._code.builder.store(self._code.value(value).register, self._place_now())
-
     def _place_now(self) -> ir.Value:
         build = self._code.builder
         return build.gep(self._first_place, [self._team.index], source_etype=self._code.type)
@@ -101,9 +92,10 @@ def teams_of(groups: Iterable[int], largest: int) -> Iterator[list[int]]:
         largest: Largest size, a power of two.
     """
     waiting = list(groups)
+    first = 0
     size = largest
-    while waiting:
-        while size > len(waiting):
+    while first < len(waiting):
+        while size > len(waiting) - first:
             size //= 2
-        yield waiting[:size]
-        waiting = waiting[size:]
+        yield waiting[first : first + size]
+        first += size
