@@ -9,7 +9,6 @@ instructions it knows by name.
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 import tempfile
 from collections.abc import Sequence
@@ -19,14 +18,7 @@ from typing import NamedTuple
 from llvmlite import ir
 
 from benchmarks.conduct import print_tables
-from benchmarks.contestants.native import (
-    FLAGS,
-    GROUPS,
-    LANES,
-    SOURCE,
-    c_constants,
-    compiler,
-)
+from benchmarks.contestants.native import GROUPS, LANES, compile_source, compiler
 from benchmarks.workload import Case
 from cranedyn.compiled.kernel import KernelOptions, KernelSource, build_module
 from cranedyn.compiled.machine import native_assembly
@@ -130,19 +122,13 @@ def step_of_c(case: Case) -> Arithmetic:
     """Return the arithmetic of a step of the C by hand, in the same vectors.
 
     Raises:
-        CraneError: If there is no C compiler.
+        CraneError: If there is no C compiler, or it refuses the source.
     """
-    command = compiler()
-    if command is None:
+    if compiler() is None:
         raise CraneError("There is no C compiler, neither cc nor $CC.")
-    values = {name: repr(float(value)) for name, value in c_constants(case).items()}
-    values |= {"STEPS": str(case.steps), "LANES": str(LANES), "GROUPS": str(GROUPS)}
-    defined = [f"-D{name}={value}" for name, value in values.items()]
     with tempfile.TemporaryDirectory() as folder:
         assembly = Path(folder) / "crane.s"
-        subprocess.run(
-            [command, *FLAGS, *defined, "-S", "-o", str(assembly), str(SOURCE)], check=True
-        )
+        compile_source(case, LANES, GROUPS, assembly, "-S")
         return arithmetic_of_step(assembly.read_text())
 
 

@@ -102,8 +102,18 @@ def ledger_constants(case: Case) -> dict[str, float]:
     return constants | {f"RATE_{joint}": x for joint, x in rates}
 
 
-def load_library(case: Case, lanes: int, groups: int, **further: float) -> ctypes.CDLL:
-    """Compile the source for a case, and further constants, and load it.
+def compile_source(
+    case: Case, lanes: int, groups: int, output: Path, *options: str, **further: float
+) -> None:
+    """Compile the source for a case.
+
+    Args:
+        case: The case.
+        lanes: Cranes of a vector.
+        groups: Vectors whose steps take turns.
+        output: The file to write.
+        options: Options of the compiler that say what to write.
+        further: Constants besides those of `c_constants`.
 
     Raises:
         CraneError: If the compiler refuses it.
@@ -114,15 +124,23 @@ def load_library(case: Case, lanes: int, groups: int, **further: float) -> ctype
         "LANES": lanes,
         "GROUPS": groups,
     }
+    defined = [f"-D{name}={value}" for name, value in values.items()]
+    command = [compiler() or "cc", *FLAGS, *defined, *options, "-o", str(output), str(SOURCE)]
+    result = subprocess.run(command, capture_output=True, text=True, check=False)
+    if result.returncode:
+        message = result.stderr.strip().splitlines()[-1]
+        raise CraneError(f"{command[0]} cannot compile {SOURCE.name}: {message}")
+
+
+def load_library(case: Case, lanes: int, groups: int, **further: float) -> ctypes.CDLL:
+    """Compile the source for a case, and further constants, and load it.
+
+    Raises:
+        CraneError: If the compiler refuses it.
+    """
     with tempfile.TemporaryDirectory() as folder:
         library = Path(folder) / "crane.so"
-        defined = [f"-D{name}={value}" for name, value in values.items()]
-        command = [compiler() or "cc", *FLAGS, *defined, "-shared", "-fPIC"]
-        command += ["-o", str(library), str(SOURCE)]
-        result = subprocess.run(command, capture_output=True, text=True, check=False)
-        if result.returncode:
-            message = result.stderr.strip().splitlines()[-1]
-            raise CraneError(f"{command[0]} cannot compile {SOURCE.name}: {message}")
+        compile_source(case, lanes, groups, library, "-shared", "-fPIC", **further)
         loaded = ctypes.CDLL(str(library))
     loaded.run.argtypes = [ctypes.c_long, ctypes.c_long, *4 * [ctypes.c_void_p]]
     loaded.run.restype = None
