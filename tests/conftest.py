@@ -50,11 +50,13 @@ def _shared_folder(config: pytest.Config) -> Path:
     find it again. Without such a cache, or if others may write there and so bring code into this
     process, it is a new one, which is removed at the end.
     """
+    from cranedyn.data import kept_files
+
     cache = getattr(config, "cache", None)
     if cache is not None:
         with contextlib.suppress(OSError):  # a checkout may be there to be read only
             folder = Path(cache.mkdir("cranedyn-objects"))
-            if objects.is_private(folder) and os.access(folder, os.W_OK):
+            if kept_files.is_guarded(folder) and os.access(folder, os.W_OK):
                 objects.forget_unused(folder)
                 return folder
     temporary = tempfile.TemporaryDirectory(prefix="cranedyn-objects-")

@@ -24,14 +24,6 @@ UNUSED_DAYS = 30.0
 """Days after which a file that no run has used is forgotten."""
 
 
-def is_private(folder: Path) -> bool:
-    """Return whether nobody but this user may write to a folder."""
-    status = folder.stat()
-    return not hasattr(os, "getuid") or (
-        status.st_uid == os.getuid() and not status.st_mode & 0o022
-    )
-
-
 def forget_unused(folder: Path) -> None:
     """Remove the files of a shared folder that no run has used for `UNUSED_DAYS`."""
     last = time.time() - 86400.0 * UNUSED_DAYS

@@ -69,7 +69,7 @@ def read_kept(name: str) -> bytes | None:
         name: Digest of all that the content depends on, see `digest_of_parts`.
     """
     folder = _folder(os.environ.get(VARIABLE, ""))
-    if folder is None or not _is_guarded(folder):
+    if folder is None or not is_guarded(folder):
         return None
     try:
         content = _read_own(folder / name)
@@ -148,7 +148,7 @@ def _only_owner_writes(status: os.stat_result) -> bool:
     return status.st_uid in (os.getuid(), 0) and not status.st_mode & (stat.S_IWGRP | stat.S_IWOTH)
 
 
-def _is_guarded(folder: Path) -> bool:
+def is_guarded(folder: Path) -> bool:
     """Return whether a folder is there in which nobody else can put, replace or rename a file.
 
     Whoever can write to a folder above could put another folder in its place, except where only
@@ -172,12 +172,12 @@ def _is_guarded(folder: Path) -> bool:
 
 def _make_guarded(folder: Path) -> bool:
     """Make a folder that only this user can read and write, if it is not there, and return whether
-    it is guarded, see `_is_guarded`.
+    it is guarded, see `is_guarded`.
     """
     if not folder.is_dir():
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir(mode=0o700, exist_ok=True)
-    return _is_guarded(folder)
+    return is_guarded(folder)
 
 
 _written = 0

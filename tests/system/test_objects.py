@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from cranedyn.data import kept_files
 from tests import objects
 
 
@@ -44,6 +45,6 @@ def test_what_no_run_has_used_for_long_is_forgotten(
 
 def test_a_folder_to_which_others_may_write_is_not_private(tmp_path: Path) -> None:
     tmp_path.chmod(0o700)
-    assert objects.is_private(tmp_path)
+    assert kept_files.is_guarded(tmp_path)
     tmp_path.chmod(0o777)
-    assert not objects.is_private(tmp_path)
+    assert not kept_files.is_guarded(tmp_path)

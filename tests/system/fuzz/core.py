@@ -23,7 +23,6 @@ from types import FrameType
 from typing import Any, NamedTuple
 
 import numpy as np
-from llvmlite.binding import ExecutionEngine
 
 from cranedyn.errors import CraneError
 
@@ -158,16 +157,11 @@ def check_line(code: int, err: str) -> None:
 def _limited() -> Iterator[None]:
     """Interrupt as Ctrl-C does at the end of the budget; raise `TooLong` if nothing answers.
 
-    What a callback of the garbage collector raises (Hypothesis has one), or one that LLVM calls
-    for the object files that tests share, Python drops; so these are left alone, until a later
-    signal of the timer finds none of them at work.
+    What a callback of the garbage collector raises (Hypothesis has one), Python drops; so these
+    are left alone, until a later signal of the timer finds none of them at work.
     """
     interrupted_at: float | None = None
     ended = False
-    shared_objects = {
-        ExecutionEngine._raw_object_cache_notify.__code__,
-        ExecutionEngine._raw_object_cache_getbuffer.__code__,
-    }
 
     def interrupt(number: int, frame: FrameType | None) -> None:
         nonlocal interrupted_at
@@ -175,8 +169,7 @@ def _limited() -> Iterator[None]:
         if ended or (interrupted_at is not None and now < interrupted_at + PATIENCE):
             return
         collectors = {getattr(callback, "__code__", None) for callback in gc.callbacks}
-        dropping = collectors | shared_objects
-        if not dropping.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
+        if not collectors.isdisjoint(f.f_code for f, _ in traceback.walk_stack(frame)):
             return
         first = interrupted_at is None
         interrupted_at = now
