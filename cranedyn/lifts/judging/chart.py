@@ -265,12 +265,7 @@ class RatedLoads:
             OutOfRange: If a radius is outside of the chart.
         """
         radius = np.asarray(radius, dtype=float)
-        outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
-        if outside.any():
-            name = f"radius on {self}"
-            worst = f"{radius[outside].flat[0]:.6g}"
-            allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
-            raise OutOfRange(name, worst, allowed, "m")
+        self._refuse_outside(radius)
         if self.stepwise:
             last = len(self.radii) - 1
             next_point = np.searchsorted(self.radii, radius - AT_POINT, "left")
@@ -298,7 +293,7 @@ class RatedLoads:
         Raises:
             OutOfRange: If the pivot is outside of the chart.
         """
-        self.at(pivot_radius)
+        self._refuse_outside(np.asarray(pivot_radius, dtype=float))
         within = np.clip(radius, self.least, self.radii[-1])
         return self.at(within) * within / np.maximum(radius, within)
 
@@ -312,7 +307,20 @@ class RatedLoads:
         low = self.least - AT_POINT
         high = self.radii[-1] + AT_POINT
         if float(np.min(radius)) < low or float(np.max(radius)) > high:
-            self.at(radius)
+            self._refuse_outside(np.asarray(radius, dtype=float))
+
+    def _refuse_outside(self, radius: np.ndarray) -> None:
+        """Refuse radii outside of the chart [m], shape (...).
+
+        Raises:
+            OutOfRange: With the first of them.
+        """
+        outside = ~((radius >= self.least) & (radius <= self.radii[-1]))
+        if outside.any():
+            name = f"radius on {self}"
+            worst = f"{radius[outside].flat[0]:.6g}"
+            allowed = f"{self.least:g} to {self.radii[-1]:g}, where the chart is"
+            raise OutOfRange(name, worst, allowed, "m")
 
     def points_about(self, radius: float) -> tuple[float, float] | None:
         """Return the radii of the two points between which the load of a radius is interpolated
@@ -519,7 +527,7 @@ def utilisation(
     """
     within("gravity", gravity, *GRAVITY, "m/s²")
     pull = finite("pull of what hangs", loads["pull_N"], ("rows",), unit="N")
-    reeving = chart.on(falls, _boom_of_run(loads, chart, falls))
+    reeving = reeving_of_run(loads, chart, falls)
     radius = loads.values.get("radius_m")
     if radius is None:  # it does not slew
         return pull / (gravity * reeving.constant)
@@ -544,13 +552,22 @@ def refuse_planned_radii(
         NotCovered: If no length of the boom has such a radius, or as `utilisation`.
         OutOfRange: If the chart does not have it for this boom.
     """
-    reeving = chart.on(falls, _boom_of_run(loads, chart, falls))
+    reeving = reeving_of_run(loads, chart, falls)
     try:
         reeving.refuse_planned(radius)
     except OutOfRange:
         if reeving.boom is not None:
             _refuse_radii_of_no_boom(chart, reeving.count, radius)
         raise
+
+
+def reeving_of_run(loads: Loads, chart: Chart, falls: int | None) -> RatedLoads:
+    """Return the rated loads of a run, on its falls and for the boom that it has.
+
+    Raises:
+        NotCovered: If the chart has none, or the boom telescopes during the run.
+    """
+    return chart.on(falls, _boom_of_run(loads, chart, falls))
 
 
 def _boom_of_run(loads: Loads, chart: Chart, falls: int | None) -> float | None:

@@ -11,6 +11,7 @@ import numpy as np
 
 from cranedyn.dynamics.equations_of_motion import payload_position
 from cranedyn.lifts.judging.analysis import LiftAnalysis
+from cranedyn.lifts.judging.chart import reeving_of_run
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.numbered_positions import end_names, loads_at_rest
 from cranedyn.lifts.planning.plan_assumptions import in_words
@@ -139,7 +140,8 @@ def interpolation(analysis: LiftAnalysis, radius: float) -> str:
     chart = analysis.chart
     if chart is None or analysis.utilisation is None:
         return ""
-    about = chart.on(analysis.inputs.falls, analysis.site.boom).points_about(radius)
+    reeving = reeving_of_run(analysis.loads, chart, analysis.inputs.falls)
+    about = reeving.points_about(radius)
     return "" if about is None else f"between {about[0]:g} and {about[1]:g} m"
 
 

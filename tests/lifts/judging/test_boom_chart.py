@@ -17,6 +17,7 @@ from cranedyn.errors import DataError, OutOfRange, UnknownName
 from cranedyn.lifts.judging.chart import Chart, NotCovered, RatedLoads, read_chart, utilisation
 from cranedyn.lifts.judging.chart_setup import setup_gap
 from cranedyn.lifts.judging.lift_checks import utilisation_below_warning
+from cranedyn.lifts.judging.lift_positions import interpolation
 from cranedyn.lifts.judging.loads import Loads
 from cranedyn.lifts.planning.site import Base, Site
 from cranedyn.verdict import Verdict
@@ -53,6 +54,18 @@ def test_a_length_of_the_chart_within_half_a_decimetre_has_its_loads(
     assert CHART.on(4, boom) is reeving
     used = utilisation(carried(10.0, boom), CHART)
     assert used == pytest.approx(9e3 / float(reeving.at(10.0)))
+
+
+def test_the_points_about_a_radius_are_those_of_the_boom_of_the_run() -> None:
+    """Of a boom that does not telescope the site has no length."""
+    analysis = SimpleNamespace(
+        chart=CHART,
+        utilisation=np.array([0.5]),
+        inputs=SimpleNamespace(falls=4),
+        loads=carried(9.0, 30.0),
+        site=SimpleNamespace(boom=None),
+    )
+    assert interpolation(analysis, 9.0) == "between 6 and 10 m"  # type: ignore[arg-type]
 
 
 def test_between_two_lengths_the_smaller_load_counts_at_the_points_of_both() -> None:
