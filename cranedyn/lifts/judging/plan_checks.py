@@ -344,9 +344,9 @@ def corner_range(analysis: LiftAnalysis) -> SupportForces | None:
     known.
     """
     base = analysis.site.base
-    if base is None or "corner_1_N" not in analysis.loads.values:
+    forces = forces_on_ground(analysis)
+    if base is None or forces is None:
         return None
-    forces = _corner_forces(analysis)
     # A load heavier by its tolerance presses by that share of its own part in a corner, which is
     # W/4 on all of them and W r/(√2 b) more on the one that the jib points to, see `corner_forces`.
     added = analysis.inputs.spread.load * analysis.loads["pull_N"]
@@ -357,29 +357,25 @@ def corner_range(analysis: LiftAnalysis) -> SupportForces | None:
     )
 
 
-def _corner_forces(analysis: LiftAnalysis) -> np.ndarray:
-    """Return the forces of the corners on the ground, without wind [N], shape (4, rows)."""
-    return np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
-
-
-def _largest_corner_force(analysis: LiftAnalysis) -> float | None:
-    """Return the largest force of a corner with the load as it is entered, without wind [N]; None
-    if it is not known.
+def forces_on_ground(analysis: LiftAnalysis) -> np.ndarray | None:
+    """Return the forces of the corners of the base on the ground, with the load as it is entered
+    and without wind [N], shape (4, rows), in the order of
+    `cranedyn.lifts.judging.loads.corner_forces`; None if they are not known.
     """
-    if corner_range(analysis) is None:
+    if analysis.site.base is None or "corner_1_N" not in analysis.loads.values:
         return None
-    return float(_corner_forces(analysis).max())
+    return np.stack([analysis.loads[f"corner_{i}_N"] for i in range(1, 5)])
 
 
 def bearing_pressure(analysis: LiftAnalysis) -> float | None:
     """Return the largest pressure below a mat [Pa]: the largest force of a corner over the area of
     its mat; None if one of them is not known.
     """
-    ground = analysis.site.details.ground
+    area = analysis.site.details.ground.mat_area
     forces = corner_range(analysis)
-    if forces is None or ground.mat_length is None or ground.mat_width is None:
+    if forces is None or area is None:
         return None
-    return forces.largest / (ground.mat_length * ground.mat_width)
+    return forces.largest / area
 
 
 def ground_bears(analysis: LiftAnalysis) -> Check | None:
@@ -411,16 +407,16 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
     pressure below a mat, as far as they are entered.
     """
     papers = analysis.site.details.crane
-    named = {"in service": papers.corner_in_service, "out of service": papers.corner_out_of_service}
-    known = {name: force for name, force in named.items() if force is not None}
+    known = {name: force for name, force in papers.corner_forces.items() if force is not None}
     if not known:
         return None
     largest = max(known.values())
     forces = " and ".join(f"{force / 1e3:.0f} kN {name}" for name, force in known.items())
     sentence = f"By the crane's papers a corner presses with {forces}, wind on the crane included"
     in_service = papers.corner_in_service
-    calm = _largest_corner_force(analysis)
-    if in_service is not None and calm is not None and in_service < calm:
+    computed = forces_on_ground(analysis)
+    calm = 0.0 if computed is None else float(computed.max())
+    if in_service is not None and in_service < calm:
         return Check(
             f"{sentence}: less in service than the {calm / 1e3:.0f} kN of this lift without wind. "
             "The papers are of another crane or setup, or the base that is entered is.",
@@ -436,9 +432,9 @@ def papers_bear(analysis: LiftAnalysis) -> Check | None:
         limits.append(f"{permitted_force / 1e3:.0f} kN permitted")
         holds = largest <= permitted_force
     if ground.permitted_pressure is not None:
-        if ground.mat_length is None or ground.mat_width is None:
+        if ground.mat_area is None:
             return Check(f"{sentence}; not judged, since [ground] lacks mat.{lacks}", None)
-        pressure = largest / (ground.mat_length * ground.mat_width)
+        pressure = largest / ground.mat_area
         limits.append(
             f"{pressure / 1e3:.0f} kPa below a mat, {ground.permitted_pressure / 1e3:g} kPa "
             "permitted"
@@ -481,13 +477,12 @@ def ground_caveat(analysis: LiftAnalysis) -> str:
     """Return what the computed forces on the ground leave out, in a sentence; empty for a crane
     without corners.
     """
-    if corner_range(analysis) is None:
+    if forces_on_ground(analysis) is None:
         return ""
     papers = analysis.site.details.crane
     sentence = "Computed forces and pressures on the ground are without wind on the crane"
-    named = {"in service": papers.corner_in_service, "out of service": papers.corner_out_of_service}
-    known = [name for name, force in named.items() if force is not None]
-    missing = [name for name, force in named.items() if force is None]
+    known = [name for name, force in papers.corner_forces.items() if force is not None]
+    missing = [name for name, force in papers.corner_forces.items() if force is None]
     if known:
         sentence += f"; with wind, {' and '.join(known)}, those of its papers count"
     if not missing:
@@ -516,20 +511,16 @@ def governing_pressure(analysis: LiftAnalysis) -> GroundPressure | None:
     """Return the largest pressure below a mat: of the computed force, which is without wind on the
     crane, and of those of the crane's papers; None if none is known.
     """
-    ground = analysis.site.details.ground
+    area = analysis.site.details.ground.mat_area
     papers = analysis.site.details.crane
     known = []
     calm = bearing_pressure(analysis)
     if calm is not None:
         known.append(GroundPressure(calm, "calm air"))
-    if ground.mat_length is not None and ground.mat_width is not None:
-        area = ground.mat_length * ground.mat_width
-        if papers.corner_in_service is not None:
-            known.append(GroundPressure(papers.corner_in_service / area, "in service, papers"))
-        if papers.corner_out_of_service is not None:
-            known.append(
-                GroundPressure(papers.corner_out_of_service / area, "out of service, papers")
-            )
+    if area is not None:
+        for name, force in papers.corner_forces.items():
+            if force is not None:
+                known.append(GroundPressure(force / area, f"{name}, papers"))
     return max(known, default=None)
 
 

@@ -17,6 +17,7 @@ from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
     corner_range,
+    forces_on_ground,
     hook_height,
     rope_left,
     sling_force,
@@ -344,13 +345,13 @@ def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
     middle of the base; of a crane whose corners are not known an empty field.
     """
     base = analysis.site.base
-    if base is None or "corner_1_N" not in analysis.loads.values:
+    forces = forces_on_ground(analysis)
+    if base is None or forces is None:
         return [PlanField("Force of each corner", None)]
     axes = "the crane" if base.turns_with_crane else "the site"
     fields = []
-    # The corners in the order of `cranedyn.lifts.judging.loads.corner_forces`.
-    for i, (x, y) in enumerate((("+", "+"), ("−", "+"), ("−", "−"), ("+", "−")), start=1):
-        force = analysis.loads[f"corner_{i}_N"]
+    corners = (("+", "+"), ("−", "+"), ("−", "−"), ("+", "−"))
+    for (x, y), force in zip(corners, forces, strict=True):
         label = f"Corner at {x}x, {y}y of {axes}, load as entered"
         fields.append(PlanField(label, f"{force.min() / 1e3:.0f} to {force.max() / 1e3:.0f} kN"))
     return fields

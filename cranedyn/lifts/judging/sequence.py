@@ -65,31 +65,26 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
     """Return the steps of a lift in order, lift-off and set-down among them where they are
     simulated.
     """
-    grounded = analysis.grounded
+    phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
     positions = numbered_positions(analysis)
     stands = loads_at_rest(analysis)
     steps: list[LiftStep] = []
-    if grounded is not None and "lift-off" in grounded.lift.phases:
-        movement = "Lift off: take up the slack, raise the load off its support, wait"
-        if stands.pick_up is not None:
-            movement = (
-                f"Lift off from {place_text(stands.pick_up.centre)}: take up the slack, raise the "
-                f"load off its support{_by(stands.pick_up, positions[0])}, wait"
-            )
-        ends = grounded.lift.phases["motion"]
+    if stands.pick_up is not None:
+        movement = (
+            f"Lift off from {place_text(stands.pick_up.centre)}: take up the slack, raise the "
+            f"load off its support{_by(stands.pick_up, positions[0])}, wait"
+        )
+        ends = phases["motion"]
         steps.append(LiftStep(1, 1, 0.0, ends, (movement,), (), positions[0].centre))
     steps += motion_steps(analysis, positions)
-    if grounded is not None and "set-down" in grounded.lift.phases:
-        begins = grounded.lift.phases["set-down"]
+    if stands.set_down is not None:
+        begins = phases["set-down"]
         last = positions[-1]
-        movement = "Set down: lower the load onto its support until the rope is slack"
-        place = last.centre
-        if stands.set_down is not None:
-            movement = (
-                f"Set down: lower the load{_by(stands.set_down, last)} onto its support until the "
-                "rope is slack"
-            )
-            place = stands.set_down.centre
+        movement = (
+            f"Set down: lower the load{_by(stands.set_down, last)} onto its support until the "
+            "rope is slack"
+        )
+        place = stands.set_down.centre
         steps.append(
             LiftStep(last.number, last.number, begins, analysis.duration, (movement,), (), place)
         )

@@ -477,7 +477,9 @@ class ChainClearance(Clearance):
     def displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
         """See `Clearance`."""
         shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
-        return self._displacement(self._steps(q, q_end)).reshape(shape[:-1])
+        steps = self._steps(q, q_end)
+        structure = self._structure_bound(steps.lines, steps.change)
+        return self._displacement(steps, structure).reshape(shape[:-1])
 
     def _steps(self, q: np.ndarray, q_end: np.ndarray) -> _Steps:
         """Return the steps between coordinates, shape (..., n) each."""
@@ -491,8 +493,13 @@ class ChainClearance(Clearance):
             lean=np.maximum(self.tilt(start), self.tilt(end)),
         )
 
-    def _displacement(self, steps: _Steps) -> np.ndarray:
-        """Return an upper bound of the change of `margin` in steps [m], shape (rows,)."""
+    def _displacement(self, steps: _Steps, structure: np.ndarray) -> np.ndarray:
+        """Return an upper bound of the change of `margin` in steps [m], shape (rows,).
+
+        Args:
+            steps: The steps.
+            structure: The bound of the links that drives move [m], shape (rows,).
+        """
         change = steps.change
         lines = steps.lines
         pivot_moved, turned = self._pivot_bound(lines, change)
@@ -511,7 +518,7 @@ class ChainClearance(Clearance):
         lean = steps.lean + swung + tipped
         hanging = pivot_moved + hoisted + length * (tipped + swung)
         hanging += (self.bodies.spread + length * lean) * about_vertical
-        largest = np.maximum(hanging, self._structure_bound(lines, change))
+        largest = np.maximum(hanging, structure)
         for joint in self.bodies.links:
             # Against a link moves what hangs by the drives between the two, swings, and hoist.
             moved, turned = self._pivot_bound(lines, change, beyond=joint)
@@ -528,11 +535,8 @@ class ChainClearance(Clearance):
         """
         shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
         steps = self._steps(q, q_end)
-        bounds = [
-            self._displacement(steps),
-            self._structure_bound(steps.lines, steps.change),
-            self._rope_displacement(steps),
-        ]
+        structure = self._structure_bound(steps.lines, steps.change)
+        bounds = [self._displacement(steps, structure), structure, self._rope_displacement(steps)]
         return np.stack(bounds, axis=-1).reshape(*shape[:-1], 3)
 
     def _rope_displacement(self, steps: _Steps) -> np.ndarray:

@@ -158,16 +158,10 @@ def _crane(crane: SiteTable) -> CraneDocuments:
         wind_limit=crane.optional_number("wind_limit", "m/s", "> 0"),
         wind_measured=crane.optional_text("wind_measured"),
         central_ballast=crane.optional_number("central_ballast", "kg", ">= 0"),
-        corner_in_service=_kilonewtons(crane, "corner_in_service"),
-        corner_out_of_service=_kilonewtons(crane, "corner_out_of_service"),
+        corner_in_service=crane.optional_kilonewtons("corner_in_service"),
+        corner_out_of_service=crane.optional_kilonewtons("corner_out_of_service"),
         out_of_service=crane.optional_text("out_of_service"),
     )
-
-
-def _kilonewtons(table: SiteTable, field: str) -> float | None:
-    """Return a force [N] that the file gives in kilonewtons; None if it is left out."""
-    force = table.optional_number(field, "kN", "> 0")
-    return None if force is None else 1e3 * force
 
 
 def _load(load: SiteTable) -> LoadDetails:

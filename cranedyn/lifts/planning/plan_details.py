@@ -120,6 +120,14 @@ class CraneDocuments:
     corner_out_of_service: float | None = None
     out_of_service: str | None = None
 
+    @property
+    def corner_forces(self) -> dict[str, float | None]:
+        """The largest forces of a corner [N], "in service" and "out of service"."""
+        return {
+            "in service": self.corner_in_service,
+            "out of service": self.corner_out_of_service,
+        }
+
 
 @dataclass(frozen=True)
 class LoadDetails:
@@ -196,6 +204,13 @@ class GroundDetails:
     mat_length: float | None = None
     mat_width: float | None = None
     north: float | None = None
+
+    @property
+    def mat_area(self) -> float | None:
+        """Area of a mat [m²]; None if it is not known."""
+        if self.mat_length is None or self.mat_width is None:
+            return None
+        return self.mat_length * self.mat_width
 
 
 @dataclass(frozen=True)

@@ -623,9 +623,7 @@ def _base(base: SiteTable, description: DescribedCrane | None) -> Base | None:
     """
     if not base.values:
         return None
-    permitted = None
-    if "permitted" in base.values:
-        permitted = 1e3 * base.number("permitted", unit="kN", allowed="> 0")
+    permitted = base.optional_kilonewtons("permitted")
     spacing = base.number("spacing", allowed="> 0")
     mass = base.number("mass", unit="kg", allowed=">= 0")
     is_mobile = description is not None and description.kind == "mobile"
@@ -639,9 +637,7 @@ def _runway(runway: SiteTable, *, is_tower: bool) -> Runway | None:
         return None
     if is_tower:
         runway.fail("rails", "it is for a crane that travels on rails; a tower crane has a base.")
-    permitted = None
-    if "permitted" in runway.values:
-        permitted = 1e3 * runway.number("permitted", unit="kN", allowed="> 0")
+    permitted = runway.optional_kilonewtons("permitted")
     first, second = runway.numbers("rails", 2)
     if first == second:
         runway.fail("rails", "both rails are in the same place.")

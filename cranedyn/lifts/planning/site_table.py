@@ -140,6 +140,11 @@ class SiteTable:
         """Return an angle [rad] that the file gives in degrees; None if it is left out."""
         return self.angle(key, allowed=allowed) if key in self.values else None
 
+    def optional_kilonewtons(self, key: str) -> float | None:
+        """Return a force [N] above 0 that the file gives in kilonewtons; None if it is left out."""
+        force = self.optional_number(key, "kN", "> 0")
+        return None if force is None else 1e3 * force
+
     def optional_text(self, key: str) -> str | None:
         """Return a text that is for people only, and which TOML may also write as a whole number or
         a date, such as the number of a job; None if it is left out.

@@ -184,12 +184,10 @@ def balance_check(
         )
         verdicts.append(inside and edge >= EDGE_MARGIN)
     verdict = False if False in verdicts else None if None in verdicts else True
+    tips = "would tip" if verdict is False else "does not tip"
     return Check(
-        f"The load does not tip where it stands: {'; '.join(sentences)}; {EDGE_MARGIN:g} m from "
-        "the edge required."
-        if verdict is not False
-        else f"The load would tip where it stands: {'; '.join(sentences)}; {EDGE_MARGIN:g} m from "
-        "the edge required.",
+        f"The load {tips} where it stands: {'; '.join(sentences)}; {EDGE_MARGIN:g} m from the edge "
+        "required.",
         verdict,
     )
 

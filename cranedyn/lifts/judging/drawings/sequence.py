@@ -70,16 +70,15 @@ def _phases(scene: LiftScene) -> list[str]:
         return ["The load hangs at both ends, or lift-off and set-down were not simulated."]
     phases = analysis.grounded.lift.phases
     sentences = []
-    if phases["motion"] > 0.0:
-        stands = scene.stands.pick_up
-        place = "" if stands is None else f" from {place_text(stands.centre)} m"
-        sentences.append(f"Lift-off{place} to position 1 takes {phases['motion']:.0f} s.")
-    if "set-down" in phases:
+    pick_up, set_down = scene.stands
+    if pick_up is not None:
+        place = place_text(pick_up.centre)
+        sentences.append(f"Lift-off from {place} m to position 1 takes {phases['motion']:.0f} s.")
+    if set_down is not None:
         number = scene.positions[-1].number
         takes = analysis.duration - phases["set-down"]
-        stands = scene.stands.set_down
-        place = "" if stands is None else f" to {place_text(stands.centre)} m"
-        sentences.append(f"Set-down from position {number}{place} takes {takes:.0f} s.")
+        place = place_text(set_down.centre)
+        sentences.append(f"Set-down from position {number} to {place} m takes {takes:.0f} s.")
     return sentences
 
 
