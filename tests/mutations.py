@@ -14,10 +14,13 @@ import importlib.util
 import os
 import re
 import shutil
+import signal
 import sys
 import tempfile
+import time
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -55,6 +58,9 @@ SHARED = (
 process would miss.
 """
 
+LIMIT = 600.0
+"""Longest time that a test may take [s]; the slowest takes a few seconds of processor time."""
+
 NOT_COPIED = (".git", ".venv", "out", ".*cache", "*.egg-info")
 
 
@@ -89,6 +95,9 @@ class Trial:
 
     source: str
     """The text of the file before the mutation."""
+
+    begin: float
+    """When the test was started, on the monotonic clock [s]."""
 
 
 def read_mutations(path: Path = MUTATIONS) -> list[Mutation]:
@@ -174,7 +183,7 @@ def start(mutation: Mutation, copy: Path) -> tuple[int, Trial]:
     if not copy.exists():
         shutil.copytree(ROOT, copy, ignore=shutil.ignore_patterns(*NOT_COPIED))
     path = copy / mutation.file
-    trial = Trial(mutation, copy, path.read_text("utf-8"))
+    trial = Trial(mutation, copy, path.read_text("utf-8"), time.monotonic())
     write_source(path, mutated(trial.source, mutation))
     return fork_test(mutation.test, copy), trial
 
@@ -191,7 +200,8 @@ def finish(trial: Trial, status: int, seconds: float) -> bool:
         Whether the test has noticed the mutation.
     """
     write_source(trial.copy / trial.mutation.file, trial.source)
-    # A test that cannot be collected or found ends with another exit code of pytest.
+    # A test that cannot be collected or found ends with another exit code of pytest, one that was
+    # ended because of its time with none.
     caught = os.waitstatus_to_exitcode(status) == pytest.ExitCode.TESTS_FAILED
     output = (trial.copy / "output").read_text("utf-8", "replace")
     failures = re.findall(r"^(?:FAILED|ERROR).*?(?= - |$)", output, re.MULTILINE)
@@ -199,6 +209,32 @@ def finish(trial: Trial, status: int, seconds: float) -> bool:
     reason = failures[0] if failures else output[-600:]
     print(f"{verdict:9}{seconds:5.1f} s  {trial.mutation.breaks} {reason}", flush=True)
     return caught
+
+
+@contextmanager
+def ends_what_is_overdue(running: dict[int, Trial]) -> Iterator[None]:
+    """End each test that takes longer than `LIMIT`, while the block waits for some of them.
+
+    A mutation can make a loop that never ends. Without this limit, the whole run would not.
+
+    Args:
+        running: What is running, by process id; the block changes it.
+    """
+
+    def look(*_: object) -> None:
+        for process, trial in running.items():
+            if time.monotonic() - trial.begin > LIMIT:
+                print(f"Ended after {LIMIT:.0f} s: {trial.mutation.test}", flush=True)
+                os.kill(process, signal.SIGKILL)
+
+    before = signal.signal(signal.SIGALRM, look)
+    # A forked process has no timers of its parent.
+    signal.setitimer(signal.ITIMER_REAL, LIMIT / 10.0, LIMIT / 10.0)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, before)
 
 
 def try_all(mutations: Sequence[Mutation], jobs: int) -> int:
@@ -210,7 +246,7 @@ def try_all(mutations: Sequence[Mutation], jobs: int) -> int:
     waiting = list(reversed(mutations))
     running: dict[int, Trial] = {}
     survivors = 0
-    with tempfile.TemporaryDirectory() as parent:
+    with tempfile.TemporaryDirectory() as parent, ends_what_is_overdue(running):
         # Most of the code that a test compiles is that of the tests before.
         if FOLDER not in os.environ:
             objects = Path(parent, "objects")
