@@ -180,16 +180,13 @@ def _targets(options: argparse.Namespace) -> tuple[Path, Path]:
     """Return the folder of the results and the file of the recording.
 
     Raises:
-        DataError: If they cannot be written: the folder is a file, a parent does not exist, or the
-            recording has another ending than ``.rrd``.
+        DataError: If they cannot be written: the folder is a file, the folder of a recording that
+            is named does not exist, or the recording has another ending than ``.rrd``.
     """
     folder = Path(getattr(options, "out", Path("out") / options.experiment))
     recording = Path(getattr(options, "save", folder / f"{options.experiment}.rrd"))
-    parent = folder.absolute().parent
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise DataError(f"Cannot write to {folder}: it is not a folder.")
-    if hasattr(options, "out") and not os.path.isdir(parent):
-        raise DataError(f"Cannot make the folder {folder}: its parent {parent} does not exist.")
     with_ending(recording, ".rrd")
     if hasattr(options, "save") and not os.path.isdir(recording.absolute().parent):
         raise DataError(f"Cannot save the recording as {recording}: its folder does not exist.")

@@ -380,7 +380,7 @@ mass_ratio --dt 3e-4 => control_period is 0.005 s; allowed is a multiple of dt =
 a1 --gravity -9.8 => gravity is -9.8 m/s²; allowed is > 0
 a1 --control-period 1e300 => dt is 0.0005 s; allowed is 1e\+290 or more for a run of
 a1 --set payload_mass=5 => 'payload_mass=5' is not of the form name:=value
-a1 --out missing/out => Cannot make the folder missing/out: its parent
+a1 --out file/out => Cannot make the folder file/out: Not a directory
 a1 --out file => Cannot write to file: it is not a folder
 a1 --save x.mp4 => Cannot write x.mp4: the ending must be .rrd
 a1 --save missing/x.rrd => as missing/x.rrd: its folder does not exist

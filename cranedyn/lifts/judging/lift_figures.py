@@ -76,7 +76,9 @@ def figures(analysis: LiftAnalysis) -> dict[str, LiftFigure]:
     if analysis.wind is not None:
         captioned["wind"] = (
             draw_wind(analysis.wind, analysis.requirements.wind or 0.0),
-            "Utilisation, swing and clearance over the speed of a gust.",
+            "The worst utilisation, swing and clearance in gusts up to a speed. A distance that "
+            'suffices is not measured further: where its share is shown as "at most", more of it '
+            "may be left.",
         )
     return {name: LiftFigure(*figure) for name, figure in captioned.items()}
 
@@ -194,10 +196,22 @@ def draw_wind(limit: WindLimit, required: float) -> Figure:
             # Less is worse; a load that touches, or nearly so, is off the scale.
             share = allowed / np.maximum(worst, 1e-3)
             label = "required over clearance"
+            # One that suffices is not measured further: its share is an upper bound.
+            kept = limit.kept(name)
+            ax.plot(
+                limit.speeds[kept],
+                share[kept],
+                marker="v",
+                fillstyle="none",
+                linestyle="none",
+                color=colour,
+                label=f"{label}, at most",
+            )
+            drawn = (share < FAILED_SHARE) & ~kept
         else:
             share = worst / allowed
             label = f"{name} over its limit"
-        drawn = share < FAILED_SHARE
+            drawn = share < FAILED_SHARE
         ax.plot(limit.speeds[drawn], share[drawn], ".-", color=colour, label=label)
     ax.axhline(1.0, color=COLOURS["limit"], linestyle="--", linewidth=1.0)
     ax.axvline(required, color=COLOURS["limit"], linestyle=":", linewidth=1.0)

@@ -19,6 +19,9 @@ from cranedyn.lifts.planning.plan_assumptions import in_words
 CATEGORIES = ("routine", "intermediate", "complex", "critical")
 """Categories of a lift, the lightest first."""
 
+MAX_NAMED = 12
+"""Most things that stand in the exclusion zone and are named one by one."""
+
 SHARE_RULES = (
     (0.90, "critical"),
     (0.80, "complex"),
@@ -155,12 +158,14 @@ class LiftCategory:
         rules: What made it so, in sentences.
         not_entered: What could make it a higher category and nobody entered, in words.
         not_judged: What could make it a higher category and is not judged, in words.
+        answered_no: What could make it a higher category and is not so, as somebody entered.
     """
 
     name: str | None
     rules: tuple[str, ...]
     not_entered: tuple[str, ...]
     not_judged: tuple[str, ...] = ()
+    answered_no: tuple[str, ...] = ()
 
     @property
     def text(self) -> str:
@@ -178,7 +183,7 @@ def lift_category(analysis: LiftAnalysis, in_zone: Sequence[str] = ()) -> LiftCa
     Args:
         analysis: The lift.
         in_zone: Names of what stands in its exclusion zone, where people or services may be. That
-            is not judged unless the site says what is done about it.
+            is not judged unless the site says what is done about each.
 
     * The share of the rated load that the gross load takes at rest, see `SHARE_RULES`.
     * Over people or a public way it is critical, over services complex.
@@ -195,38 +200,58 @@ def lift_category(analysis: LiftAnalysis, in_zone: Sequence[str] = ()) -> LiftCa
     else:
         not_entered.append("the share of the rated load")
     limits = analysis.site.details.limits
-    for entered, category, rule, missing in (
+    answered_no = []
+    for entered, category, rule, missing, otherwise in (
         (
             limits.over_people,
             "critical",
             "The load is moved over people or a public way.",
             "whether it is moved over people",
+            "not over people or a public way",
         ),
         (
             limits.over_services,
             "complex",
             "The load is moved over services.",
             "whether it is moved over services",
+            "not over services",
         ),
         (
             limits.blind,
             "complex",
             "The operator does not see the load all the way.",
             "whether the operator sees it all the way",
+            "in the operator's sight all the way",
         ),
     ):
         if entered is None:
             not_entered.append(missing)
         elif entered:
             found.append((category, rule))
-    not_judged = []
-    if in_zone and analysis.site.details.in_zone is None:
-        not_judged.append(f"what stands in the exclusion zone ({in_words(in_zone)})")
-    if not found:
-        return LiftCategory(None, (), tuple(not_entered), tuple(not_judged))
-    highest = max((category for category, _ in found), key=CATEGORIES.index)
-    rules = tuple(rule for category, rule in found if category == highest)
-    return LiftCategory(highest, rules, tuple(not_entered), tuple(not_judged))
+        else:
+            answered_no.append(otherwise)
+    highest = max((category for category, _ in found), key=CATEGORIES.index, default=None)
+    return LiftCategory(
+        highest,
+        rules=tuple(rule for category, rule in found if category == highest),
+        not_entered=tuple(not_entered),
+        not_judged=tuple(_open_in_zone(analysis, in_zone)),
+        answered_no=tuple(answered_no),
+    )
+
+
+def _open_in_zone(analysis: LiftAnalysis, in_zone: Sequence[str]) -> list[str]:
+    """Return what stands in the exclusion zone and has nothing said about it, in words; empty if
+    there is nothing.
+    """
+    details = analysis.site.details
+    names = [name for name in in_zone if details.done_about(name) is None]
+    if not names:
+        return []
+    more = len(names) - MAX_NAMED
+    if more > 0:
+        names = [*names[:MAX_NAMED], f"{more} more"]
+    return [f"what stands in the exclusion zone ({in_words(names)})"]
 
 
 def _category_of_share(share: float) -> tuple[str, str]:

@@ -102,7 +102,7 @@ def tables(analysis: LiftAnalysis) -> list[Table]:
     result += [_assumptions(analysis), _factors(analysis)]
     if analysis.wind is not None:
         slews = "radius_m" in analysis.loads.values
-        result.append(_wind(analysis.wind))
+        result.append(_wind(analysis, analysis.wind))
         # Limits of other makers beside that of this crane's invite to take the wrong one.
         in_use = slews and analysis.site.details.crane.wind_limit is None
         result.append(_limits_in_use(analysis.wind, in_use=in_use))
@@ -470,8 +470,8 @@ def _factors(analysis: LiftAnalysis) -> Table:
     return Table("Dynamic factors", columns, rows, note)
 
 
-def _wind(limit: WindLimit) -> Table:
-    """Tabulate the worst of all lifts at each speed of a gust."""
+def _wind(analysis: LiftAnalysis, limit: WindLimit) -> Table:
+    """Tabulate the worst of all lifts in gusts up to each speed."""
     worst = limit.worst
     rows: list[Row] = []
     for i, speed in enumerate(limit.speeds.tolist()):
@@ -489,7 +489,7 @@ def _wind(limit: WindLimit) -> Table:
         pressure = wind_standards.wind_pressure(speed)
         rows.append([speed, KMH * speed, pressure, *numbers, beyond])
     columns = [
-        ("gust [m/s]", ".1f"),
+        ("gusts up to [m/s]", ".1f"),
         ("[km/h]", ".0f"),
         ("pressure [Pa]", ".0f"),
         ("utilisation %", ".1f"),
@@ -500,9 +500,28 @@ def _wind(limit: WindLimit) -> Table:
     note = (
         f"{limit_text(limit)} The worst of {limit.lifts} lifts in all, wind on the load alone. "
         "A gust rises from a mean wind of "
-        f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}."
+        f"{1.0 / GUST_FACTOR:.2g} of its speed. Pressure: 0.625 v², AS 5222:2021, {_SECOND_HAND}. "
+        'A distance that suffices is not measured further: "at least" says that more may be left.'
     )
+    note += _lift_off_note(analysis, limit)
     return Table(_GUSTS_TITLE, columns, rows, note)
+
+
+def _lift_off_note(analysis: LiftAnalysis, limit: WindLimit) -> str:
+    """Return that lift-off uses more of the chart than a gust, in a sentence with a space before
+    it; empty where it does not.
+    """
+    if analysis.utilisation is None or analysis.grounded is None:
+        return ""
+    highest = float(analysis.utilisation.max())
+    least_gust = float(limit.worst["utilisation"][0])
+    if highest <= least_gust:
+        return ""
+    t = float(analysis.loads.t[analysis.utilisation.argmax()])
+    return (
+        f" The utilisation of {100.0 * highest:.1f} % on the first page is at t = {t:.1f} s of the "
+        "lift with lift-off and set-down, which is in calm air and not in this table."
+    )
 
 
 def _is_shown(speed: float, limit: WindLimit) -> bool:

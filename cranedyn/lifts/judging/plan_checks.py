@@ -19,6 +19,7 @@ import numpy as np
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
+from cranedyn.lifts.judging.table import tonnes
 from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.plan_details import CraneDocuments
 from cranedyn.lifts.planning.rigging import (
@@ -185,18 +186,32 @@ def slings_bear(analysis: LiftAnalysis) -> Check | None:
     of_set = ""
     if leg.set_limit is not None:
         assert slings.set_limit is not None
-        entered = f"which follows from {slings.set_limit / 1e3:.2f} t on the tag of the set"
+        entered = f"which follows from {tonnes(slings.set_limit)} on the tag of the set"
         of_set = (
-            f" All that hangs in the set pulls with {leg.lifted / gravity / 1e3:.2f} t; its tag "
-            f"allows {leg.set_limit / gravity / 1e3:.2f} t at that angle."
+            f" All that hangs in the set pulls with {tonnes(leg.lifted / gravity)}; its tag allows "
+            f"{tonnes(leg.set_limit / gravity)} at that angle."
         )
     return Check(
-        f"A leg of the slings pulls with {leg.force / gravity / 1e3:.2f} t at most, "
+        f"A leg of the slings pulls with {tonnes(leg.force / gravity)} at most, "
         f"{100.0 * leg.force / leg.limit:.0f} % of its working load limit of "
-        f"{leg.limit / gravity / 1e3:.2f} t, {entered}, with {100.0 * leg.share:.0f} % of the "
+        f"{tonnes(leg.limit / gravity)}, {entered}, with {100.0 * leg.share:.0f} % of the "
         f"weight at {math.degrees(leg.angle):.0f}° from the vertical ({counted} of "
         f"{slings.number} counted on); {math.degrees(MAX_SLING_ANGLE):.0f}° allowed.{of_set}",
         leg.utilisation <= 1.0 and leg.angle <= MAX_SLING_ANGLE,
+    )
+
+
+def hook_block_bears(analysis: LiftAnalysis) -> Check | None:
+    """Check that what hangs on the hook is no more than the rated load of the hook block."""
+    limit = analysis.site.details.hook_block_limit
+    if limit is None:
+        return None
+    gravity = analysis.crane.gravity
+    force = lifted_force(analysis, above=("hook",))
+    return Check(
+        f"The hook block carries {tonnes(force / gravity)} at most, "
+        f"{100.0 * force / gravity / limit:.0f} % of its rated load of {tonnes(limit)}.",
+        force <= gravity * limit,
     )
 
 
@@ -210,9 +225,9 @@ def spreader_bears(analysis: LiftAnalysis) -> Check | None:
     gravity = analysis.crane.gravity
     force = lifted_force(analysis, above=("hook", "spreader"))
     return Check(
-        f"The spreader carries {force / gravity / 1e3:.2f} t at most, "
+        f"The spreader carries {tonnes(force / gravity)} at most, "
         f"{100.0 * force / gravity / spreader.limit:.0f} % of its working load limit of "
-        f"{spreader.limit / 1e3:.2f} t.",
+        f"{tonnes(spreader.limit)}.",
         force <= gravity * spreader.limit,
     )
 
@@ -588,6 +603,7 @@ def wind_text(speed: float) -> str:
 
 PLAN_CHECKS: dict[PlanCheck, str] = {
     slings_bear: "The slings: [rigging.slings] enters neither their number nor their limit.",
+    hook_block_bears: "The hook block: [rigging] lacks hook_limit, its rated load.",
     spreader_bears: "",  # a lift without a spreader lacks nothing
     centre_between_lifting_points: (
         "How the load hangs: [load] lacks lifting_points or centre, its centre of gravity."

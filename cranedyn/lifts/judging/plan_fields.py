@@ -12,7 +12,7 @@ import numpy as np
 
 from cranedyn.assumptions import Assumption, Origin
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.judging.lift_positions import largest_wheel_force
+from cranedyn.lifts.judging.lift_positions import MAX_NAMED, largest_wheel_force
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.plan_checks import (
     bearing_pressure,
@@ -23,8 +23,8 @@ from cranedyn.lifts.judging.plan_checks import (
     sling_force,
     wind_text,
 )
-from cranedyn.lifts.judging.table import place_text
-from cranedyn.lifts.planning.plan_details import CraneDocuments, LiftInShift, Slings
+from cranedyn.lifts.judging.table import place_text, tonnes
+from cranedyn.lifts.planning.plan_details import CraneDocuments, LiftInShift, PlanDetails, Slings
 from cranedyn.lifts.planning.rigging import leg_limit
 
 COUNTING_FIELDS = (
@@ -91,7 +91,20 @@ def signatures(analysis: LiftAnalysis) -> list[PlanField]:
         PlanField("Crane operator", people.operator),
         PlanField("Slinger", people.slinger),
         PlanField("Signaller", people.signaller),
+        *_second_signaller(analysis),
+        PlanField("Receives the load", people.receiver),
+        PlanField("Guards the zone", people.guard),
     ]
+
+
+def _second_signaller(analysis: LiftAnalysis) -> list[PlanField]:
+    """Return who directs the operator where the first signaller does not see the load; nothing if
+    nobody is entered and the operator sees it all the way.
+    """
+    details = analysis.site.details
+    if details.people.second_signaller is None and details.limits.blind is False:
+        return []
+    return [PlanField("Second signaller", details.people.second_signaller)]
 
 
 def counting_assumptions(analysis: LiftAnalysis) -> list[Assumption]:
@@ -190,6 +203,10 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Mass of the slings", _mass(masses, "slings")),
         PlanField("Mass of the hook block", _mass(masses, "hook")),
         PlanField(
+            "Rated load of the hook block",
+            None if details.hook_block_limit is None else tonnes(details.hook_block_limit),
+        ),
+        PlanField(
             "Height of the hook block",
             None if details.hook_block_height is None else f"{details.hook_block_height:g} m",
         ),
@@ -277,7 +294,7 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Date of the chart", crane.chart_date),
         PlanField("Wind limit of the maker", None if limit is None else wind_text(limit)),
         PlanField("Wind measured by", crane.wind_measured),
-        PlanField("Out of service", crane.out_of_service),
+        PlanField("How it is left out of service", crane.out_of_service),
     ]
     return FieldGroup("Crane", fields)
 
@@ -361,16 +378,12 @@ def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
     """Return how people are kept clear, speak, and act if something goes wrong."""
     details = analysis.site.details
     limits = details.limits
-    stands_in_zone = []
-    if in_zone:
-        stands_in_zone.append(PlanField("Stands in that zone", ", ".join(in_zone)))
-        stands_in_zone.append(PlanField("What is done about it", details.in_zone))
     fields = [
         PlanField("Exclusion zone", details.exclusion),
-        *stands_in_zone,
+        *_in_zone_fields(details, in_zone),
         PlanField("Guards the exclusion zone", details.people.guard),
         PlanField("Receives the load", details.people.receiver),
-        PlanField("Second signaller", details.people.second_signaller),
+        *_second_signaller(analysis),
         PlanField("Communication", details.people.communication),
         PlanField("Trial lift", details.trial_lift),
         PlanField("Over people or a public way", yes_or_no(limits.over_people)),
@@ -381,9 +394,24 @@ def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
     return FieldGroup("People and contingency", fields)
 
 
-def tonnes(mass: float) -> str:
-    """Return a mass [kg] in tonnes."""
-    return f"{mass / 1e3:.2f} t"
+def _in_zone_fields(details: PlanDetails, in_zone: Sequence[str]) -> list[PlanField]:
+    """Return a field for each thing that stands in the exclusion zone: what is done about people
+    and services there. What has one sentence for many, such as the parts of a building, has one
+    field.
+    """
+    done: dict[str, str] = {}
+    missing = []
+    for name in in_zone:
+        sentence = details.done_about(name)
+        if sentence is None:
+            missing.append(PlanField(f"In that zone: {name}", None))
+        else:
+            done[sentence] = f"{done[sentence]}, {name}" if sentence in done else name
+    fields = [PlanField(f"In that zone: {names}", sentence) for sentence, names in done.items()]
+    more = len(missing) - MAX_NAMED
+    if more > 0:
+        missing = [*missing[:MAX_NAMED], PlanField(f"In that zone: {more} more", None)]
+    return fields + missing
 
 
 def kilonewtons(force: float) -> str:

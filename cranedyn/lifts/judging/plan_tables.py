@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.lift_positions import LiftPosition, interpolation, lift_positions
 from cranedyn.lifts.judging.plan_checks import KMH, LOAD, MAKER, SITE, wind_bounds
-from cranedyn.lifts.judging.sequence import lift_steps
+from cranedyn.lifts.judging.sequence import StepByHand, all_steps
 from cranedyn.lifts.judging.table import BLANK, Row, Table, place_text
 from cranedyn.lifts.judging.wind_limit import STRONGEST
 
@@ -130,13 +130,16 @@ def _whose(analysis: LiftAnalysis, source: str) -> str:
 
 
 def sequence_table(analysis: LiftAnalysis) -> Table:
-    """Return the steps of the lift with their times, what the crane does, how fast, and who
+    """Return the steps of the lift with their times, what crane and people do, how fast, and who
     speaks.
     """
     people = analysis.site.details.people
     speaks = people.signaller or BLANK
     rows: list[Row] = []
-    for step in lift_steps(analysis):
+    for step in all_steps(analysis):
+        if isinstance(step, StepByHand):
+            rows.append([str(step.position), "-", step.what, "-", "-", speaks])
+            continue
         times = f"{step.begins:.0f} to {step.ends:.0f}"
         place = place_text(step.place)
         action = ". ".join(step.movements)
@@ -152,9 +155,10 @@ def sequence_table(analysis: LiftAnalysis) -> Table:
     ]
     spoken = people.communication or BLANK
     note = (
-        "Positions as numbered on the drawings; times from the beginning of the lift. They speak "
-        f"by: {spoken}. The proof of the distances holds for this motion alone: drives that move "
-        "at other times, in another order or at other speeds take the load along another way, "
-        "which is not proven."
+        "Positions as numbered on the drawings; times from the beginning of the simulated lift. "
+        "Steps without a time last as long as people need, and its clock stands meanwhile, as the "
+        f"crane does. They speak by: {spoken}. The proof of the distances holds for this motion "
+        "alone: drives that move at other times, in another order or at other speeds take the load "
+        "along another way, which is not proven."
     )
     return Table(SEQUENCE_TITLE, columns, rows, note)

@@ -20,6 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from cranedyn.assumptions import Origin
 from cranedyn.data.files import atomic_write, write_text
 from cranedyn.errors import CraneError, quoted
 from cranedyn.interfaces import State
@@ -75,6 +76,9 @@ BROWSERS = ("chromium", "chromium-browser", "google-chrome", "chrome", "msedge")
 SHEET_FOOT = MARGIN - 1.0
 """Height of the foot of a drawing's page, in which revision, digest and number of the page stand
 [mm]: a little less than the margin below the frame of a sheet, so that nothing of it is cut off."""
+
+CHART_FIELD = "[crane] chart"
+"""The field of a site that names its chart."""
 
 _OPTIONS = (
     "--headless=new",
@@ -163,14 +167,21 @@ class Notice(NamedTuple):
 
 
 def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
-    """Return what whoever signs must know before any number: that the chart is of no real crane,
-    that the load hangs at an end, and which lift of a shift this is.
+    """Return what whoever signs must know before any number: that the chart is of no real crane or
+    an estimate, that the load hangs at an end, and which lift of a shift this is.
     """
     notices = []
+    assumptions = analysis.inputs.assumptions
     if analysis.chart is not None and analysis.chart.example:
         sentence = (
             "The load chart is an example, of no real crane: lift nothing by this page. Enter the "
             "chart of your crane as [crane] chart (cranedyn template chart), and judge again."
+        )
+        notices.append(Notice(sentence, warns=True))
+    if any(a.origin is Origin.ESTIMATED and a.field == CHART_FIELD for a in assumptions):
+        sentence = (
+            "The load chart is an estimate: lift nothing by this page. Enter the chart of the "
+            "crane's maker, and judge again."
         )
         notices.append(Notice(sentence, warns=True))
     hangs = _hangs_at(analysis.site)

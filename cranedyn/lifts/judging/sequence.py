@@ -23,8 +23,9 @@ from cranedyn.lifts.judging.numbered_positions import (
     loads_at_rest,
     numbered_positions,
 )
-from cranedyn.lifts.judging.table import place_text
+from cranedyn.lifts.judging.table import BLANK, place_text
 from cranedyn.lifts.planning.clearance import Clearance
+from cranedyn.lifts.planning.ground_lift import stands_at
 from cranedyn.lifts.planning.timing import STEP
 
 LEAST_WAY = 0.05
@@ -89,6 +90,45 @@ def lift_steps(analysis: LiftAnalysis) -> list[LiftStep]:
             LiftStep(last.number, last.number, begins, analysis.duration, (movement,), (), place)
         )
     return steps
+
+
+@dataclass(frozen=True)
+class StepByHand:
+    """A step that is not in the simulated lift: people work while the crane stands, for as long as
+    they need, or the crane lifts off or sets down where that is not simulated.
+
+    Attributes:
+        position: Number of the position at which it is.
+        what: What happens, in a sentence without a full stop.
+    """
+
+    position: int
+    what: str
+
+
+def all_steps(analysis: LiftAnalysis) -> list[LiftStep | StepByHand]:
+    """Return the steps of a lift in order, with slinging, the trial lift and unhooking among those
+    of `lift_steps`. A load that hangs at an end is slung and tried, or unhooked, in another lift.
+    """
+    details = analysis.site.details
+    stands = loads_at_rest(analysis)
+    last = len(numbered_positions(analysis))
+    steps: list[LiftStep | StepByHand] = [*lift_steps(analysis)]
+    before: list[LiftStep | StepByHand] = []
+    if stands_at(analysis.site.start):
+        slinging = "Sling the load"
+        if details.tag_lines is not None:
+            slinging += f"; tag lines: {details.tag_lines}"
+        before.append(StepByHand(1, slinging))
+        trial = details.trial_lift or BLANK
+        before.append(StepByHand(1, f"Trial lift: {trial}; then lift off"))
+        if stands.pick_up is None:
+            before.append(StepByHand(1, "Lift off; not simulated"))
+    if stands_at(analysis.site.goal):
+        if stands.set_down is None:
+            steps.append(StepByHand(last, "Set down; not simulated"))
+        steps.append(StepByHand(last, "Unhook the load, hoist the empty hook clear of it"))
+    return before + steps
 
 
 def _by(stands: LoadAtRest, hangs: Position) -> str:

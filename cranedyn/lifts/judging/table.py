@@ -39,6 +39,13 @@ class Table(NamedTuple):
         return cells
 
 
+def tonnes(mass: float) -> str:
+    """Return a mass [kg] to read: in tonnes, or in kilograms where it is so small that tonnes would
+    round it away.
+    """
+    return f"{mass / 1e3:.2f} t" if mass >= 100.0 else f"{mass:.3g} kg"
+
+
 def place_text(point: Sequence[float] | np.ndarray, digits: int = 1) -> str:
     """Return a point to read [m], with some digits after the decimal point."""
     return f"({', '.join(f'{float(coordinate):.{digits}f}' for coordinate in point)})"

@@ -85,9 +85,10 @@ class WindLimit:
 
     Attributes:
         speeds: Speeds of the gusts [m/s], increasing, shape (k,).
-        worst: Worst of all lifts at each speed: utilisation, swing [rad], clearance [m], by name,
-            shape (k,) each; a lift that failed, or left the radii of the chart, counts as a
-            million, or as minus a million for clearance.
+        worst: Worst of all lifts in gusts of each speed or weaker ones: utilisation, swing [rad],
+            clearance [m], by name, shape (k,) each; a lift that failed, or left the radii of the
+            chart, counts as a million, or as minus a million for clearance. A clearance that
+            suffices is a lower bound: it is not measured further.
         allowed: Limit of each, by name.
         lifts: Number of simulated lifts.
         at_limit: Number of gusts that were simulated at the limit.
@@ -138,7 +139,7 @@ class WindLimit:
         return min(exceeded, key=self._limit, default=None)
 
     def kept(self, name: str) -> np.ndarray:
-        """Return whether a limit is kept at each speed, shape (k,)."""
+        """Return whether a limit is kept in gusts of each speed and weaker ones, shape (k,)."""
         # The worst is the smallest clearance, and the largest of the others.
         if name == "clearance":
             return self.worst[name] >= self.allowed[name]
@@ -213,6 +214,7 @@ def wind_limit(
         limits = _limits(rows, allowed)
     at_limit = int((rows[:, 0] == limits.limit()).sum())
     limits = replace(limits, at_limit=at_limit, drawn=count if limits.limit() > 0.0 else 0)
+    limits = _with_weaker(limits)
     if limits.kept("clearance").all():
         return limits
     speed = float(limits.speeds[~limits.kept("clearance")][0])
@@ -450,13 +452,24 @@ def _worst_gusts(rows: np.ndarray, limits: WindLimit, name: str) -> np.ndarray:
 
 
 def _limits(rows: np.ndarray, allowed: Mapping[str, float]) -> WindLimit:
-    """Return the worst at each speed, of rows as of `_Trial.simulate`."""
+    """Return the worst at each speed alone, of rows as of `_Trial.simulate`."""
     speeds = np.unique(rows[:, 0])
     worst = {}
     for column, name in enumerate(allowed, _FIRST_VALUE):
         extreme = np.min if name == "clearance" else np.max
         worst[name] = np.array([extreme(rows[rows[:, 0] == speed, column]) for speed in speeds])
     return WindLimit(speeds, worst, allowed, len(rows))
+
+
+def _with_weaker(limits: WindLimit) -> WindLimit:
+    """Return limits with the worst in gusts of each speed or weaker ones. Beyond the speed at which
+    a limit breaks few gusts are tried, so that those alone could seem to keep it.
+    """
+    worst = {}
+    for name, values in limits.worst.items():
+        extreme = np.minimum if name == "clearance" else np.maximum
+        worst[name] = extreme.accumulate(values)
+    return replace(limits, worst=worst)
 
 
 def _enter_values(

@@ -46,7 +46,7 @@ CRANE_FIELDS = _fields_of(CraneDocuments)
 LOAD_FIELDS = _fields_of(LoadDetails)
 """Fields of [load] beside its size and its mass."""
 
-RIGGING_FIELDS = ("hook", "hook_height", "slings", "spreader", "falls", "tag_lines")
+RIGGING_FIELDS = ("hook", "hook_height", "hook_limit", "slings", "spreader", "falls", "tag_lines")
 """Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
 
 SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "set_limit", "certificate")
@@ -119,11 +119,12 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         slings=_slings(tables["rigging.slings"]),
         spreader=_spreader(tables["rigging.spreader"]),
         hook_block_height=tables["rigging"].optional_number("hook_height", "m", "> 0"),
+        hook_block_limit=tables["rigging"].optional_number("hook_limit", "kg", "> 0"),
         ground=_ground(tables["ground"]),
         limits=_limits(tables["limits"]),
         tag_lines=tables["rigging"].optional_text("tag_lines"),
         exclusion=safety.optional_text("exclusion"),
-        in_zone=safety.optional_text("in_zone"),
+        in_zone=safety.named_texts("in_zone"),
         trial_lift=safety.optional_text("trial_lift"),
         contingency=safety.texts("contingency"),
         shift=_shift(tables["shift"]),

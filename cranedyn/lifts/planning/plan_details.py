@@ -8,6 +8,7 @@ no default stands for it.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal, get_args
 
@@ -274,11 +275,13 @@ class PlanDetails:
         spreader: The spreader; None if there is none.
         hook_block_height: Height of the hook block from the rope's end to the saddle of the hook
             [m].
+        hook_block_limit: Rated load of the hook block [kg].
         ground: What carries the crane.
         limits: Limits of the site.
         tag_lines: How the load is kept from turning, such as "two, of 10 m".
         exclusion: How the area below the load is kept clear, in words.
-        in_zone: What is done about people and services in what stands in that area, in words.
+        in_zone: What is done about people and services in what stands in that area, in words, by
+            the name of what stands there, or by the beginning of such names.
         trial_lift: How the load is tried before it is lifted, in words.
         contingency: What is done if something goes wrong, in sentences.
         shift: What the plan of a shift says of the lift; None if it is of none.
@@ -291,11 +294,21 @@ class PlanDetails:
     slings: Slings = field(default_factory=Slings)
     spreader: Spreader | None = None
     hook_block_height: float | None = None
+    hook_block_limit: float | None = None
     ground: GroundDetails = field(default_factory=GroundDetails)
     limits: SiteLimits = field(default_factory=SiteLimits)
     tag_lines: str | None = None
     exclusion: str | None = None
-    in_zone: str | None = None
+    in_zone: Mapping[str, str] = field(default_factory=dict)
     trial_lift: str | None = None
     contingency: tuple[str, ...] = ()
     shift: LiftInShift | None = None
+
+    def done_about(self, name: str) -> str | None:
+        """Return what is done about something that stands in the exclusion zone, in words; None if
+        nobody entered it.
+        """
+        for key, done in self.in_zone.items():
+            if name.startswith(key):
+                return done
+        return None

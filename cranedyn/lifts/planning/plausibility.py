@@ -177,6 +177,7 @@ SET_LIMIT = Quantity("The working load limit of a set", "kg", (0.1, 1e7), (50.0,
 SPREADER_LIMIT = Quantity(
     "The working load limit of the spreader", "kg", (0.1, 1e8), (50.0, 5e6), TONNES
 )
+HOOK_LIMIT = Quantity("The rated load of the hook block", "kg", (0.1, 1e8), (50.0, 5e6), TONNES)
 SLING_LENGTH = Quantity("The length of a leg", "m", (1e-3, 500.0), (0.1, 50.0), MILLIMETRES)
 SLING_ANGLE = Quantity("The angle of a leg", "degrees", (0.0, 85.0), (3.0, 60.0), RADIANS)
 HOOK_HEIGHT = Quantity("The height of the hook block", "m", (1e-3, 50.0), (0.1, 8.0), MILLIMETRES)
@@ -468,6 +469,7 @@ def _of_rigging(site: Site) -> Iterator[Finding]:
         (SET_LIMIT, slings.set_limit, "rigging.slings", "set_limit"),
         (SLING_LENGTH, slings.length, "rigging.slings", "length"),
         (HOOK_HEIGHT, details.hook_block_height, "rigging", "hook_height"),
+        (HOOK_LIMIT, details.hook_block_limit, "rigging", "hook_limit"),
         (SPREADER_HEIGHT, spreader.height, "rigging.spreader", "height"),
         (SPREADER_LIMIT, spreader.limit, "rigging.spreader", "limit"),
     ):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -111,6 +111,7 @@ def read_site(path: str | Path) -> Site:
     rigging = tables["rigging"]
     masses = rigging_masses(tables)
     details = details_of(tables)
+    _check_names_in_zone(tables["safety"], details.in_zone, solids)
     site = Site(
         name=top.text("name", path.stem),
         solids=tuple(solids),
@@ -330,6 +331,23 @@ def _crane_values_of(
             )
         values[entered.argument] = entered.value
     return values
+
+
+def _check_names_in_zone(safety: SiteTable, in_zone: Iterable[str], solids: list[Solid]) -> None:
+    """Check that each name of `[safety] in_zone` is that of an obstacle, or the beginning of one.
+
+    Raises:
+        DataError: If one is not: a misspelt name would be taken for something that is cleared.
+    """
+    names = [solid.name for solid in solids]
+    for key in in_zone:
+        if not key or not any(name.startswith(key) for name in names):
+            known = ", ".join(names[:8]) or "none"
+            safety.fail(
+                "in_zone",
+                f"no obstacle has the name {quoted(key)}, or one that begins with it. Names are: "
+                f"{known}{', ...' if len(names) > 8 else ''}.",
+            )
 
 
 def _entered(tables: Mapping[str, SiteTable]) -> frozenset[str]:

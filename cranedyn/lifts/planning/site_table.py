@@ -185,6 +185,10 @@ class SiteTable:
             return (self.text(key),)
         return tuple(self.take(key, names_of, []))
 
+    def named_texts(self, key: str) -> dict[str, str]:
+        """Return a table of printable texts by name; empty if it is left out."""
+        return self.take(key, _named_texts, {})
+
     def points(self, key: str) -> tuple[tuple[float, float, float], ...]:
         """Return a list of points [m]; empty if it is left out."""
         return self.take(key, _points, ())
@@ -346,6 +350,13 @@ def names_of(name: str, value: Any) -> list[str]:
     if not isinstance(value, list):
         raise OutOfRange(name, quoted(value), "a list of names")
     return [_text(name, entry) for entry in value]
+
+
+def _named_texts(name: str, value: Any) -> dict[str, str]:
+    """Return printable texts by name."""
+    if not isinstance(value, dict):
+        raise OutOfRange(name, quoted(value), 'a table of sentences by name, {"name" = "sentence"}')
+    return {key: _text(f"{name} of {quoted(key)}", text) for key, text in value.items()}
 
 
 def positions_of(name: str, value: Any) -> dict[str, float | None]:

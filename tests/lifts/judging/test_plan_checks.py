@@ -37,6 +37,7 @@ from cranedyn.lifts.judging.plan_checks import (
     ground_bears,
     gust_below_all_limits,
     headroom,
+    hook_block_bears,
     not_checked,
     papers_bear,
     plan_checks,
@@ -51,9 +52,11 @@ from cranedyn.lifts.judging.plan_fields import (
     field_groups,
     identification,
     other_assumptions,
+    signatures,
 )
 from cranedyn.lifts.judging.plan_tables import positions_table, sequence_table, wind_bounds_table
-from cranedyn.lifts.judging.sequence import lift_steps
+from cranedyn.lifts.judging.report_page import first_page_notices
+from cranedyn.lifts.judging.sequence import LiftStep, all_steps, lift_steps
 from cranedyn.lifts.planning.clearance import Nearest
 from cranedyn.lifts.planning.perturbed import DRAG_COEFFICIENT, drag_area
 from cranedyn.lifts.planning.plan_details import (
@@ -190,6 +193,23 @@ def test_an_eccentric_load_is_on_the_leg_that_it_is_nearest_to() -> None:
 def test_slings_of_which_a_part_is_entered_are_not_judged(slings: Slings, missing: str) -> None:
     check = slings_bear(planned(slings=slings))
     assert check is not None and check.holds is None and missing in check.sentence
+
+
+def test_a_hook_block_carries_all_that_hangs_below_it() -> None:
+    for limit, holds in ((1171.0, True), (1169.0, False)):
+        check = hook_block_bears(pulling(planned(hook_block_limit=limit), 1.0))
+        assert check is not None and check.holds is holds  # 1.3 · 900 kg
+        assert "of its rated load of 1.17 t" in check.sentence
+    assert hook_block_bears(planned()) is None
+    (missing,) = [s for s in not_checked(planned(), []) if s.startswith("The hook block:")]
+    assert "lacks hook_limit" in missing
+
+
+def test_a_limit_that_is_too_small_for_tonnes_is_shown_in_kilograms() -> None:
+    slings = Slings(number=2, angle=0.5, limit=1.5)
+    check = slings_bear(planned(slings=slings))
+    assert check is not None and check.holds is False
+    assert "of its working load limit of 1.5 kg" in check.sentence
 
 
 def test_a_spreader_carries_load_and_slings() -> None:
@@ -380,7 +400,7 @@ def test_each_corner_of_the_base_has_its_forces() -> None:
 
 
 def test_tag_lines_trial_lift_ballast_and_storm_are_fields_to_be_filled_in() -> None:
-    labels = ("Tag lines", "Trial lift", "Central ballast", "Out of service")
+    labels = ("Tag lines", "Trial lift", "Central ballast", "How it is left out of service")
     crane = CraneDocuments(central_ballast=40e3, out_of_service="brake open")
     entered = planned(crane=crane, tag_lines="two", trial_lift="0.3 m high")
     for found, values in ((bare(), [None] * 4), (entered, ["two", "0.3 m high", "40.00 t", None])):
@@ -467,6 +487,18 @@ def test_the_people_at_both_ends_are_fields_to_fill_in() -> None:
         named = {entry.label: entry.value for entry in group.fields}
         labels = ("Guards the exclusion zone", "Receives the load", "Second signaller")
         assert [named[label] for label in labels] == values
+        signed = {entry.label: entry.value for entry in signatures(planned(people=entered))}
+        labels = ("Guards the zone", "Receives the load", "Second signaller")
+        assert [signed[label] for label in labels] == values
+
+
+def test_a_load_that_is_seen_all_the_way_needs_no_second_signaller() -> None:
+    for blind, fields in ((None, 1), (True, 1), (False, 0)):
+        found = planned(limits=SiteLimits(blind=blind))
+        for group in (signatures(found), field_groups(found)[-1].fields):
+            assert [entry.label for entry in group].count("Second signaller") == fields
+    entered = planned(limits=SiteLimits(blind=False), people=People(second_signaller="S. Econd"))
+    assert PlanField("Second signaller", "S. Econd") in signatures(entered)
 
 
 def test_the_job_has_its_revision_and_its_crane() -> None:
@@ -498,6 +530,32 @@ def test_a_site_without_obstacles_has_no_distances_of_the_structure() -> None:
     assert clearance_of_lift.least_of_structure(q).keys() == (
         clearance_of_lift.nearest_to_structure(q).keys()
     )
+
+
+def test_the_table_of_winds_says_where_the_utilisation_of_the_first_page_is() -> None:
+    """Lift-off uses more of the chart than gusts do."""
+    made = bare()
+    grounded = from_the_ground().grounded
+    assert made.wind is not None and made.utilisation is not None
+    for share, says in ((2.0, True), (0.5, False)):
+        used = made.utilisation * share * made.wind.worst["utilisation"][0] / made.utilisation.max()
+        found = replace(made, grounded=grounded, utilisation=used)
+        (table,) = [t for t in tables(found) if t.title == "Wind"]
+        assert ("with lift-off and set-down, which is in calm air" in table.note) is says
+    (table,) = [t for t in tables(made) if t.title == "Wind"]
+    assert "lift-off" not in table.note and "more may be left" in table.note
+
+
+def test_an_estimated_chart_is_said_on_the_first_page() -> None:
+    made = bare()
+    assumptions = [
+        replace(a, origin=Origin.ESTIMATED, field="[crane] chart") if a.name == "load chart" else a
+        for a in made.inputs.assumptions
+    ]
+    guessed = replace(made, inputs=replace(made.inputs, assumptions=tuple(assumptions)))
+    said = [notice for notice in first_page_notices(guessed) if "is an estimate" in notice.sentence]
+    assert len(said) == 1 and said[0].warns
+    assert all("estimate" not in notice.sentence for notice in first_page_notices(made))
 
 
 def test_a_wind_that_takes_the_clearance_names_the_obstacle() -> None:
@@ -576,6 +634,25 @@ def test_the_sequence_begins_and_ends_where_the_load_stands() -> None:
     assert f"lower the load by {above.place[2] - 0.6:.1f} m onto its support" in last.movements[0]
 
 
+def test_what_people_do_while_the_crane_stands_are_steps_without_a_time() -> None:
+    rows = sequence_table(from_the_ground()).rows
+    assert [str(row[2])[:9] for row in rows[:3]] == ["Sling the", "Trial lif", "Lift off "]
+    assert str(rows[1][2]).endswith(
+        "0.3 m above the ground for a minute: brakes, slings, level; then lift off"
+    )
+    assert str(rows[-1][2]).startswith("Unhook the load")
+    assert [row[0] for row in rows[:3]] == ["1", "1", "1"] and rows[-1][0] == rows[-2][0]
+    assert [row[1] for row in (rows[0], rows[1], rows[-1])] == ["-", "-", "-"]
+    # A load that hangs at both ends is slung and unhooked in other lifts.
+    assert [type(step) for step in all_steps(bare())] == [LiftStep] * len(lift_steps(bare()))
+
+
+def test_lift_off_and_set_down_that_are_not_simulated_are_steps_that_say_so() -> None:
+    site = replace(bare().site, start=np.array([6.0, -12.0]), goal=np.array([6.0, 12.0]))
+    rows = sequence_table(replace(bare(), site=site)).rows
+    assert rows[2][2] == "Lift off; not simulated" and rows[-2][2] == "Set down; not simulated"
+
+
 def of_share(share: float, **limits: bool) -> LiftAnalysis:
     """The lift with a chart of which its gross load is a share, and what the site says of it."""
     made = planned(limits=SiteLimits(**limits))
@@ -615,12 +692,26 @@ def test_what_stands_in_the_exclusion_zone_leaves_the_category_open() -> None:
     category = lift_category(found, ("shed", "street"))
     assert category.text == "at least routine"
     assert category.not_judged == ("what stands in the exclusion zone (shed and street)",)
-    details = replace(found.site.details, in_zone="both are empty")
-    empty = replace(found, site=replace(found.site, details=details))
-    assert lift_category(empty, ("shed", "street")).text == "routine"
-    people = next(g for g in field_groups(empty, ("shed", "street")) if g.title.startswith("Peop"))
-    assert PlanField("Stands in that zone", "shed, street") in people.fields
-    assert PlanField("What is done about it", "both are empty") in people.fields
+    details = replace(found.site.details, in_zone={"shed": "it is empty"})
+    cleared = replace(found, site=replace(found.site, details=details))
+    assert lift_category(cleared, ("shed",)).text == "routine"
+    # A sentence about one of them says nothing of what comes to stand there later.
+    category = lift_category(cleared, ("shed", "street"))
+    assert category.text == "at least routine"
+    assert category.not_judged == ("what stands in the exclusion zone (street)",)
+    fields = field_groups(cleared, ("shed", "shed, annexe", "street"))[-1].fields
+    assert PlanField("In that zone: shed, shed, annexe", "it is empty") in fields
+    assert PlanField("In that zone: street", None) in fields
+    many = [f"house: wall {i}" for i in range(20)]
+    assert lift_category(found, many).not_judged[0].endswith("house: wall 11 and 8 more)")
+    fields = field_groups(found, many)[-1].fields
+    assert PlanField("In that zone: 8 more", None) in fields
+
+
+def test_what_was_answered_with_no_is_said_beside_the_category() -> None:
+    said = ("not over people or a public way", "not over services")
+    found = lift_category(of_share(0.4, over_people=False, over_services=False, blind=True))
+    assert found.answered_no == said and found.text == "complex"
 
 
 def test_a_rated_load_between_two_points_of_the_chart_is_called_interpolated() -> None:
@@ -724,7 +815,7 @@ def test_the_wind_acts_on_the_area_and_drag_that_are_entered() -> None:
 def test_what_nobody_entered_is_no_check_and_said_beside_the_checks() -> None:
     assert plan_checks(bare()) == []
     missing = not_checked(bare(), plan_checks(bare()))
-    assert len(missing) == 7
+    assert len(missing) == 8
     for words in ("slings", "lifting_points", "height_under_hook", "permitted_pressure"):
         assert any(words in sentence for sentence in missing)
 
@@ -756,6 +847,6 @@ def test_the_example_of_a_lift_plan_is_a_go_and_leaves_only_dates_and_signatures
     judgement = judge(read_site("signed_lift"), requirements=Requirements(lifts=400, gusts=2))
     assert judgement.go, judgement.reasons
     page = judgement.html()
-    # Seven people sign, each with a date.
-    assert page.count('class="blank"') == 14
+    # Ten people sign, each with a date.
+    assert page.count('class="blank"') == 20
     assert "Category: routine." in page and "Not checked here" not in page

@@ -20,7 +20,14 @@ from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.interfaces import State
 from cranedyn.lifts.judging import wind_limit as wind_limit_module
 from cranedyn.lifts.judging.chart import Chart, RatedLoads
-from cranedyn.lifts.judging.wind_limit import _FAILED, WindLimit, _enter_values, _limits, wind_limit
+from cranedyn.lifts.judging.wind_limit import (
+    _FAILED,
+    WindLimit,
+    _enter_values,
+    _limits,
+    _with_weaker,
+    wind_limit,
+)
 from cranedyn.model.crane import Crane
 from tests.helpers import crane
 from tests.lifts.judging.test_loads import pinocchio_wrench
@@ -148,6 +155,21 @@ def test_at_each_speed_the_worst_of_all_lifts_counts() -> None:
     rows[7, 5] = np.nan
     broken = _limits(rows, {**allowed, "swing": 2.0})  # more than any other
     assert not broken.kept("swing")[broken.speeds == speeds[7]].any()
+
+
+def test_a_gust_that_breaks_a_limit_is_among_all_stronger_ones() -> None:
+    """Few gusts are tried beyond the speed at which a limit breaks, so that they may seem to keep
+    it.
+    """
+    worst = {
+        "utilisation": np.array([0.2, 0.6, 0.4]),
+        "swing": np.array([0.1, 0.2, np.nan]),
+        "clearance": np.array([1.0, 0.1, 0.5]),
+    }
+    found = _with_weaker(WindLimit(np.array([4.0, 8.0, 12.0]), worst, dict.fromkeys(NAMES, 0.5), 9))
+    assert found.worst["utilisation"].tolist() == [0.2, 0.6, 0.6]
+    assert found.worst["clearance"].tolist() == [1.0, 0.1, 0.1]
+    assert found.kept("swing").tolist() == [True, True, False]
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, _FAILED, -_FAILED])

@@ -56,6 +56,7 @@ drag = 1.3
 [rigging]
 hook = 100.0
 hook_height = 0.9
+hook_limit = 3000.0
 falls = 2
 [rigging.slings]
 mass = 30.0
@@ -102,7 +103,7 @@ def test_a_lift_plan_is_what_its_tables_enter_in_si_units(tmp_path: Path) -> Non
     angle = math.radians(25.0)
     assert details.slings == Slings("chain", 2, angle, 3.0, 2000.0)
     assert details.spreader == Spreader(height=0.3, limit=3000.0)
-    assert details.hook_block_height == 0.9
+    assert details.hook_block_height == 0.9 and details.hook_block_limit == 3000.0
     assert details.ground == GroundDetails(150e3, None, 2.0, 1.5)
     assert details.limits == SiteLimits(chart_share=0.85, over_people=False)
     assert (details.exclusion, details.contingency) == ("barriers", ("set down", "wait"))
@@ -130,10 +131,10 @@ def test_what_nobody_entered_has_no_value(tmp_path: Path) -> None:
         ('"chain"', '"rope"', "[rigging.slings] type: There is no type 'rope'"),
         ("number = 2\n", "number = 0\n", "[rigging.slings] number: number is 0"),
         ("angle = 25.0", "angle = 95.0", "angle is 95.0 degrees; allowed is 0 to 85"),
-        ("angle = 25.0", "angel = 25.0", "line 36, [rigging.slings] angel: There is no field"),
+        ("angle = 25.0", "angel = 25.0", "line 37, [rigging.slings] angel: There is no field"),
         ("limit = 2000.0", "limit = 2000.0\nset_limit = 2800.0", "set_limit: limit is given, too"),
         ("number = 2\n", "number = 5\nset_limit = 9.0\n", "set_limit: limit is given, too"),
-        ("limit = 3000.0", "limit = -1.0", "[rigging.spreader] limit: limit is -1.0 kg"),
+        ("\nlimit = 3000.0", "\nlimit = -1.0", "[rigging.spreader] limit: limit is -1.0 kg"),
         ("mat = [2.0, 1.5]", "mat = [2.0]", "[ground] mat: mat is '[2.0]'; allowed is 2 numbers"),
         (
             "[crane]",
@@ -199,6 +200,23 @@ def test_an_angle_from_the_horizontal_is_seen_by_the_length_of_the_leg(tmp_path:
     assert "from its length and the lifting points it is 28°" in sentence
     (sentence,) = read(tmp_path, no_spreader.replace("number = 2", "number = 4")).unusual
     assert "There are 4 legs and 2 lifting points" in sentence
+
+
+def test_what_stands_in_the_zone_is_cleared_by_its_name(tmp_path: Path) -> None:
+    box = '[[box]]\nname = "site office"\ncentre = [9.0, 9.0]\nsize = [1.0, 1.0, 1.0]\n'
+    said = WHOLE.replace("[safety]\n", '[safety]\nin_zone = { "site" = "it is emptied" }\n')
+    details = read(tmp_path, said + box).details
+    assert details.done_about("site office") == "it is emptied"
+    assert details.done_about("shed") is None
+    for wrong, sentence in (
+        ('{ "ofice" = "empty" }', "no obstacle has the name ofice"),
+        ('{ "" = "all are empty" }', "no obstacle has the name"),
+        ('{ "site office" = "" }', "a printable text"),
+        ('"it is emptied"', "a table of sentences by name"),
+    ):
+        text = said.replace('{ "site" = "it is emptied" }', wrong) + box
+        with pytest.raises(DataError, match=re.escape(sentence)):
+            read(tmp_path, text)
 
 
 def test_a_set_has_as_many_legs_as_a_standard_has(tmp_path: Path) -> None:

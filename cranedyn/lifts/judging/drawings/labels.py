@@ -1,4 +1,4 @@
-"""Where the texts of a drawing stand, so that none covers another one."""
+"""Where the texts of a drawing stand, so that none covers another one or a dimension line."""
 
 from __future__ import annotations
 
@@ -31,6 +31,9 @@ _LINE_HEIGHT = 1.15
 
 _GAP = 0.8
 """Least distance between two texts on paper [mm]."""
+
+_LINE_WIDTH = 0.4
+"""Width that a dimension line takes on paper [mm]."""
 
 _RINGS = (0.0, 5.0, 8.0, 11.0, 15.0, 20.0, 26.0, 33.0, 41.0, 50.0)
 """Distances from what a text names at which room for it is looked for on paper, in turn [mm]."""
@@ -71,21 +74,23 @@ def place_texts(drawing: Drawing, scale: float) -> list[PlacedText]:
     """Return the texts of a drawing with their places on a sheet of a scale, such as 200 for 1:200.
 
     Numbers of positions choose first, then dimensions, then names. Each text stands at the first
-    place, in rings around what it names, at which it covers no other text and lies within the area
-    that is shown. If there is none, it stands at the place at which it covers least.
+    place, in rings around what it names, at which it covers no other text and no upright or level
+    dimension line but its own, and lies within the area that is shown. If there is none, it stands
+    at the place at which it covers least.
     """
     metres = 1e-3 * scale  # on site, for a millimetre on paper
     low = np.array(drawing.low) / metres
     high = np.array(drawing.high) / metres
-    wanted = _texts_in_order(drawing)
+    lines = _dimension_lines(drawing, metres)
     taken: list[np.ndarray] = []
     placed = []
-    for label in wanted:
+    for label, dimension in _texts_in_order(drawing):
         anchor = np.array(label.point) / metres
         if np.any(anchor < low) or np.any(anchor > high):
             continue  # what it names is not on the paper
         half = _half_size(label)
-        centre = _free_place(anchor, half, taken, low, high, in_circle=label.in_circle)
+        others = [box for owner, box in lines if owner is not dimension]
+        centre = _free_place(anchor, half, taken + others, low, high, in_circle=label.in_circle)
         taken.append(np.concatenate([centre - half - _GAP / 2.0, centre + half + _GAP / 2.0]))
         leader = None
         to_box = np.clip(anchor, centre - half, centre + half)
@@ -96,18 +101,39 @@ def place_texts(drawing: Drawing, scale: float) -> list[PlacedText]:
     return placed
 
 
-def _texts_in_order(drawing: Drawing) -> list[Label]:
-    """Return all texts in the order in which they choose their places."""
-    numbers: list[Label] = []
-    dimensions: list[Label] = []
-    names: list[Label] = []
+def _dimension_lines(drawing: Drawing, metres: float) -> list[tuple[Dimension, np.ndarray]]:
+    """Return the upright and the level dimension lines of a drawing, each with the box on paper
+    that it takes: left, bottom, right, top [mm]. The box of any other line is far larger than it.
+
+    Args:
+        drawing: The drawing.
+        metres: Metres on site for a millimetre on paper.
+    """
+    lines = []
+    for primitive in drawing.primitives:
+        if isinstance(primitive, Dimension):
+            ends = np.array(primitive.line) / metres
+            low, high = ends.min(axis=0), ends.max(axis=0)
+            if (high - low).min() < _LINE_WIDTH:
+                box = np.concatenate([low - _LINE_WIDTH / 2.0, high + _LINE_WIDTH / 2.0])
+                lines.append((primitive, box))
+    return lines
+
+
+def _texts_in_order(drawing: Drawing) -> list[tuple[Label, Dimension | None]]:
+    """Return all texts in the order in which they choose their places, each with the dimension of
+    which it is the value.
+    """
+    numbers: list[tuple[Label, Dimension | None]] = []
+    dimensions: list[tuple[Label, Dimension | None]] = []
+    names: list[tuple[Label, Dimension | None]] = []
     for primitive in drawing.primitives:
         if isinstance(primitive, Dimension):
             start, end = primitive.line
             middle = ((start[0] + end[0]) / 2.0, (start[1] + end[1]) / 2.0)
-            dimensions.append(Label(primitive.layer, middle, primitive.text))
+            dimensions.append((Label(primitive.layer, middle, primitive.text), primitive))
         elif isinstance(primitive, Label):
-            (numbers if primitive.in_circle else names).append(primitive)
+            (numbers if primitive.in_circle else names).append((primitive, None))
     return [*numbers, *dimensions, *names]
 
 
@@ -133,7 +159,7 @@ def _free_place(
     Args:
         anchor: What it names, shape (2,).
         half: Half of its width and height, shape (2,).
-        taken: Boxes that are taken: left, bottom, right, top.
+        taken: Boxes that are taken by other texts and by lines: left, bottom, right, top.
         low: Lower left corner of the area for texts, shape (2,).
         high: Its upper right corner, shape (2,).
         in_circle: Whether the text is the number of a position, which stands beside what it names

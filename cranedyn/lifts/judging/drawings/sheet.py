@@ -392,7 +392,7 @@ def title_block(canvas: Canvas, block: TitleBlock, scale: str) -> None:
         [("Prepared", block.prepared), ("Signed", None)],
         [
             ("Drawn by", f"cranedyn {__version__}"),
-            ("Sheet", f"{block.number} of {block.count}"),
+            ("Drawing", f"{block.number} of {block.count}"),
         ],
     ]
     for i, row in enumerate(rows):

@@ -50,6 +50,7 @@ from cranedyn.lifts.judging.numbered_positions import (
     numbered_positions,
 )
 from cranedyn.lifts.planning.clearance import Clearance, NearestPoints
+from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
 from cranedyn.lifts.planning.solids import Solid
 
@@ -153,16 +154,15 @@ class LiftScene:
 
     @cached_property
     def in_exclusion_zone(self) -> tuple[str, ...]:
-        """Names of the obstacles and zones that the exclusion zone goes through in plan, at most
-        `MAX_NAMED`: people or services may be in them.
+        """Names of the obstacles and zones that the exclusion zone goes through in plan: people or
+        services may be in them.
         """
         names = []
         for solid in self.analysis.site.solids:
             area = _shadow(solid, np.eye(3)[:2])
             if area.intersection(self.swept.exclusion).area > _LEAST_AREA:
                 names.append(solid.name)
-        more = len(names) - MAX_NAMED
-        return (*names[:MAX_NAMED], f"{more} more") if more > 0 else tuple(names)
+        return tuple(names)
 
     def with_names(self, solids: Sequence[Sequence[Primitive]]) -> list[Primitive]:
         """Return the outlines of all obstacles, with the names of those in `named`.
@@ -776,19 +776,24 @@ def _elevation_dimensions(scene: LiftScene, drawn_before: list[Primitive]) -> li
     """Return hook heights, the length of the jib or boom, and the least distance."""
     ground = scene.analysis.site.ground
     drawn: list[Primitive] = []
-    # Heights stand to the right of all that is drawn, one beside the other, the lowest first.
+    # Heights stand to the right of all that is drawn, one beside the other, the lowest first;
+    # positions with the same height share one.
     low, high = frame_of(drawn_before, (0.0, ground), _BEYOND_REACH + scene.clearance.reach[1])
     spacing = _DIMENSION_SPACING * (high[1] - low[1])
-    told = sorted({0, scene.highest, len(scene.positions) - 1}, key=scene.hook_height)
-    for k, i in enumerate(told):
-        plane = plane_at(scene, i)
-        along = float(plane.flat(scene.shapes[i].hook)[:, 0].min())
+    told: dict[str, list[int]] = {}
+    for i in sorted({0, scene.highest, len(scene.positions) - 1}, key=scene.hook_height):
+        told.setdefault(f"{scene.hook_height(i):.2f}", []).append(i)
+    for k, (height, indices) in enumerate(told.items()):
+        first = indices[0]
+        plane = plane_at(scene, first)
+        along = float(plane.flat(scene.shapes[first].hook)[:, 0].min())
+        numbers = in_words([str(scene.positions[i].number) for i in sorted(indices)])
         drawn.append(
             Dimension(
                 "dimensions",
                 (along, ground),
-                (along, ground + scene.hook_height(i)),
-                f"hook +{scene.hook_height(i):.2f} m at {scene.positions[i].number}",
+                (along, ground + scene.hook_height(first)),
+                f"hook +{height} m at {numbers}",
                 offset=-(high[0] + k * spacing - along),
             )
         )
