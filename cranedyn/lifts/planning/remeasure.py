@@ -20,6 +20,7 @@ import numpy as np
 import pinocchio as pin
 from scipy.spatial import ConvexHull
 
+from cranedyn.command import uninterrupted_import
 from cranedyn.lifts.planning.clearance import Nearest
 from cranedyn.lifts.planning.crane_bodies import hook_turn, shape_corners
 from cranedyn.lifts.planning.site import GROUND, Site
@@ -82,8 +83,7 @@ def point_distances(points: np.ndarray, solid: Solid) -> np.ndarray:
     """Return the distances of points [m], shape (n, 3), from a solid; 0 inside of it; in [m], shape
     (n,).
     """
-    import trimesh
-
+    trimesh = uninterrupted_import("trimesh")
     corners = solid.vertices[solid.triangles]
     distances = np.full(len(points), math.inf)
     points_at_once = max(_PAIRS_AT_ONCE // len(corners), 1)

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.command import uninterrupted_import
 from cranedyn.data.files import parse_toml, read_text
 from cranedyn.dynamics.contact import box_corners
 from cranedyn.errors import CraneError, DataError, UnknownName, quoted
@@ -708,8 +709,7 @@ def _hanging_centre(vertices: np.ndarray, triangles: np.ndarray) -> np.ndarray:
 
     A mesh that is not closed has no volume of its own; the centre is then that of its hull.
     """
-    import trimesh  # slow, and few sites need it
-
+    trimesh = uninterrupted_import("trimesh")  # slow, and few sites need it
     mesh = trimesh.Trimesh(vertices, triangles)
     with np.errstate(all="ignore"):  # trimesh divides by volumes that may be zero
         closed = mesh if mesh.is_watertight and mesh.volume != 0.0 else mesh.convex_hull

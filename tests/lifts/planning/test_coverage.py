@@ -18,7 +18,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from cranedyn.errors import DataError
-from cranedyn.lifts.planning.certificate import Certificate, certify
+from cranedyn.lifts.planning.certificate import Certificate, _second_look_check, certify
 from cranedyn.lifts.planning.clearance import Clearance, Nearest, ObstaclePart
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.coverage import (
@@ -409,6 +409,20 @@ def test_a_plan_without_its_envelope_of_swing_is_contradicted(
     certified = certify(plan_lift(site(WALL), LIMITS, crane=crane()))
     assert certified.checks[0].holds, "the proof does not see its own fault"
     assert any(sentence.startswith("Measured a second time") for sentence in red(certified))
+
+
+@pytest.mark.slow
+def test_the_envelope_that_is_measured_a_second_time_is_about_plumb() -> None:
+    """A motion of least time swings by itself as far as the envelope goes, and no farther."""
+    made = certificate()
+    motion = made.lift.timed.motion
+    q = motion.q.copy()
+    q[:, crane().swings] += made.lift.clearance.site.swing
+    swinging = replace(made.lift, timed=replace(made.lift.timed, motion=replace(motion, q=q)))
+    checks = []
+    for lift in (made.lift, swinging):
+        checks.append(_second_look_check(lift.clearance, lift, made.run.q[::40], made.nearest))
+    assert checks[0] == checks[1] and checks[0].holds
 
 
 def looked_at(*solids: Solid, swing: float = 0.0, **changes: Any) -> Nearest:
