@@ -420,8 +420,8 @@ def test_the_envelope_that_is_measured_a_second_time_is_about_plumb() -> None:
     q[:, crane().swings] += made.lift.clearance.site.swing
     swinging = replace(made.lift, timed=replace(made.lift.timed, motion=replace(motion, q=q)))
     checks = []
-    for lift in (made.lift, swinging):
-        checks.append(_second_look_check(lift.clearance, lift, made.run.q[::40], made.nearest))
+    for one in (made.lift, swinging):
+        checks.append(_second_look_check(one.clearance, one, made.run.q[::40], made.nearest))
     assert checks[0] == checks[1] and checks[0].holds
 
 
