@@ -18,7 +18,9 @@ from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
 from cranedyn.lifts.planning.plan_assumptions import (
     EARTH_GRAVITY,
+    in_words,
     rates_text,
+    shipped_masses,
 )
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
@@ -59,7 +61,9 @@ def _ground_checks(analysis: LiftAnalysis) -> Sequence[Check]:
     """Return the checks of lift-off and set-down, none where the load hangs at both ends."""
     site = analysis.site
     if analysis.grounded is not None:
-        return analysis.grounded.checks
+        # Those of what stands are made of the planned motion and of the run from the ground alike.
+        of_motion = analysis.certificate.checks
+        return [check for check in analysis.grounded.checks if check not in of_motion]
     if not (stands_at(site.start) or stands_at(site.goal)):
         return ()
     certificate = analysis.certificate
@@ -264,6 +268,13 @@ def _wheels_pressed(analysis: LiftAnalysis) -> Check:
     runway = analysis.site.runway
     if runway is None:
         return Check("[runway] of the site is missing: the wheel loads are not known.", None)
+    shipped = shipped_masses(analysis.site)
+    if shipped:
+        return Check(
+            "The wheel loads are not judged: they would be those of a crane as it is shipped with "
+            f"this program, {in_words(shipped)}. Enter these masses of yours in [crane.values].",
+            None,
+        )
     heavier = analysis.inputs.spread.load
     smallest = math.inf
     largest = -math.inf

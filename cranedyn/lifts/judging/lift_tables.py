@@ -141,10 +141,20 @@ def _summary(analysis: LiftAnalysis) -> Table:
             f"{analysis.site.distance:g} m needed",
         ],
         *_details_rows(analysis),
-        ["time of the lift", f"{analysis.duration:.0f} s", "-"],
+        [_duration_name(analysis), f"{analysis.duration:.0f} s", "-"],
     ]
     note = "Where each of these is from stands in the tables below."
     return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+
+
+def _duration_name(analysis: LiftAnalysis) -> str:
+    """Return of what the duration in the summary is: of the lift, or without the ends that are not
+    simulated.
+    """
+    stands = stands_at(analysis.site.start) or stands_at(analysis.site.goal)
+    if stands and analysis.grounded is None:
+        return "time, without lift-off and set-down"
+    return "time of the lift"
 
 
 def _details_rows(analysis: LiftAnalysis) -> list[Row]:
@@ -189,7 +199,11 @@ def at_least(distance: float, required: float) -> str:
 def _radius_rows(analysis: LiftAnalysis) -> list[Row]:
     """Return the row of the largest radius; none for a crane that does not slew."""
     radius = analysis.loads.values.get("radius_m")
-    return [] if radius is None else [["largest radius", f"{float(radius.max()):.1f} m", "-"]]
+    return (
+        []
+        if radius is None
+        else [["largest radius, as it swings", f"{float(radius.max()):.1f} m", "-"]]
+    )
 
 
 def _or_dash(value: float | None, scale: float, unit: str) -> str:
@@ -339,8 +353,9 @@ def _loads(analysis: LiftAnalysis) -> Table:
     if slews:
         add("slewing ring, tilting", carried["ring_tilting_Nm"], 1e-3, "kN m")
         add("slewing ring, torsion", carried["ring_torsion_Nm"], 1e-3, "kN m")
-    add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
-    add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
+    if analysis.site.runway is None:
+        add("foot, overturning", carried["overturning_Nm"], 1e-3, "kN m")
+        add("foot, torsion", carried["torsion_Nm"], 1e-3, "kN m")
     base = analysis.site.base
     note = f"Formulas: {_LOADS_PAGE}."
     if base is not None:
@@ -385,6 +400,9 @@ def _clearances(analysis: LiftAnalysis) -> Table:
         f"besides, for a swing of {swing:.3g}°. Rope, hook block and load are what hangs: slings, "
         "spreader and tag lines are neither in this proof nor in the drawings of the motion."
     )
+    if analysis.grounded is not None:
+        begins = analysis.grounded.lift.phases["motion"]
+        note += f" Times are from the begin of the motion, {begins:.0f} s into the sequence."
     return Table(_CLEARANCES_TITLE, columns, rows, note)
 
 

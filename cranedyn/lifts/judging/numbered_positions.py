@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from cranedyn.lifts.judging.analysis import LiftAnalysis
-from cranedyn.lifts.planning.ground_lift import load_corners
+from cranedyn.lifts.planning.ground_lift import load_corners, stands_at
 from cranedyn.lifts.planning.timing import STEP
 
 MAX_POSITIONS = 8
@@ -70,8 +70,11 @@ def end_names(analysis: LiftAnalysis) -> tuple[str, str]:
     there: after it was lifted off, and before it is set down.
     """
     phases = {} if analysis.grounded is None else analysis.grounded.lift.phases
-    first = "lifted off" if "lift-off" in phases else "pick-up"
-    return first, "above set-down" if "set-down" in phases else "set-down"
+    site = analysis.site
+    first = "above pick-up" if stands_at(site.start) else "pick-up"
+    if "lift-off" in phases:
+        first = "lifted off"
+    return first, "above set-down" if stands_at(site.goal) else "set-down"
 
 
 @dataclass(frozen=True, eq=False)

@@ -75,7 +75,9 @@ def identification(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Lift number", job.number),
         PlanField("Date of the lift", job.date),
         PlanField("Revision of the job", job.revision),
-        PlanField("Crane", " ".join(part for part in (papers.maker, papers.type) if part) or None),
+        PlanField(
+            "Crane", " ".join(dict.fromkeys(filter(None, (papers.maker, papers.type)))) or None
+        ),
     ]
     return FieldGroup("Identification", fields)
 

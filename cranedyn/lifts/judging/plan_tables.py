@@ -50,9 +50,12 @@ def positions_table(analysis: LiftAnalysis) -> Table:
     falls = "" if analysis.inputs.falls is None else f" on {analysis.inputs.falls} falls"
     chart = "no chart was entered" if analysis.chart is None else f"{analysis.chart.name}{falls}"
     note = (
-        f"Places: middle of the load. Rated capacity from: {chart}. The share is that of the load "
-        "at rest; with the dynamics of the lift it is the utilisation of the chart."
+        f"Places: in plan the centre of gravity, which hangs below the hook; in height the middle "
+        f"of the load. Rated capacity from: {chart}. The share is that of the load at rest; with "
+        "the dynamics of the lift it is the utilisation of the chart."
     )
+    if slews:
+        note += " The largest radius is that of the load as it swings."
     note += _interpolation_note(analysis, positions)
     return Table(POSITIONS_TITLE if slews else PLACES_TITLE, columns, rows, note)
 

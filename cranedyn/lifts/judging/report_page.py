@@ -77,6 +77,13 @@ SHEET_FOOT = MARGIN - 1.0
 """Height of the foot of a drawing's page, in which revision, digest and number of the page stand
 [mm]: a little less than the margin below the frame of a sheet, so that nothing of it is cut off."""
 
+ONE_MOTION = (
+    "It holds for one motion, that of the sequence below, with all drives at its times and speeds, "
+    "as a program drives them. By hand, or one drive after the other, the load takes other ways, "
+    "which are not proven."
+)
+"""What the verdict is about, for the first page."""
+
 CHART_FIELD = "[crane] chart"
 """The field of a site that names its chart."""
 
@@ -168,7 +175,8 @@ class Notice(NamedTuple):
 
 def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
     """Return what whoever signs must know before any number: that the chart is of no real crane or
-    an estimate, that the load hangs at an end, and which lift of a shift this is.
+    an estimate, which motion it is about, that the load hangs at an end, and which lift of a shift
+    this is.
     """
     notices = []
     assumptions = analysis.inputs.assumptions
@@ -184,6 +192,7 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
             "crane's maker, and judge again."
         )
         notices.append(Notice(sentence, warns=True))
+    notices.append(Notice(ONE_MOTION, warns=False))
     hangs = _hangs_at(analysis.site)
     if hangs:
         notices.append(Notice(hangs, warns=False))

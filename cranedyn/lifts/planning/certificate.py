@@ -27,6 +27,7 @@ from cranedyn.lifts.planning.motion_proof import slew_range, unproven_row
 from cranedyn.lifts.planning.plan_assumptions import plan_assumptions, winch_of
 from cranedyn.lifts.planning.remeasure import second_look
 from cranedyn.lifts.planning.standing import standing_check, standing_parts
+from cranedyn.lifts.planning.timing import STEP
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.simulation.simulate import simulate
 from cranedyn.verdict import Check, Verdict, overall
@@ -249,13 +250,13 @@ def _second_look_check(
         nearest: The least distance that is claimed of the run.
     """
     site = clearance.site
-    motion = lift.timed.motion
     hanging = second_look(
         site, clearance.crane, measured_rows, nearest.distance + _SECOND_LOOK_RANGE
     )
-    stride = max(1, round(_SWINGING_INTERVAL / motion.period))
-    # The envelope is about the plumb rope; a motion of least time swings within it by itself.
-    plumb = clearance.q(motion.q[::stride, clearance.drive_joints])
+    stride = max(1, round(_SWINGING_INTERVAL / STEP))
+    # The envelope is about a plumb rope above the planned places: those of the load, or in least
+    # time those of the drives, where the load swings within it.
+    plumb = clearance.q(lift.timed.places[::stride])
     swung = second_look(
         site,
         clearance.crane,

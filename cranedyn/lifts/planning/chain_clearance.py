@@ -39,7 +39,12 @@ from cranedyn.lifts.planning.clearance import (
     OutOfReach,
     point_text,
 )
-from cranedyn.lifts.planning.crane_bodies import CraneParts, DrawnShape, corners_of
+from cranedyn.lifts.planning.crane_bodies import (
+    CraneParts,
+    DrawnShape,
+    corners_of,
+    with_hook_above_rigging,
+)
 from cranedyn.lifts.planning.fields import Body, Field, Placed
 from cranedyn.lifts.planning.hoist_chain import CarrierLines, HoistChain
 from cranedyn.lifts.planning.site import BELOW_UPPER, GROUND, HANGING, OWN_BASE, OWN_STRUCTURE
@@ -196,7 +201,7 @@ class ChainClearance(Clearance):
     @cached_property
     def bodies(self) -> ChainBodies:
         """See `Clearance`."""
-        return chain_bodies(self.crane, self.site.load)
+        return with_hook_above_rigging(chain_bodies(self.crane, self.site.load), self.site)
 
     @property
     def parts(self) -> CraneParts:

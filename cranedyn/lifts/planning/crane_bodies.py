@@ -12,9 +12,9 @@ import itertools
 import math
 import xml.etree.ElementTree as ET
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import coal
 import numpy as np
@@ -22,7 +22,8 @@ import pinocchio as pin
 
 from cranedyn.checks import within
 from cranedyn.errors import ModelError, OutOfRange
-from cranedyn.lifts.planning.site import HANGING
+from cranedyn.lifts.planning.rigging import attachment_height, rigging_height
+from cranedyn.lifts.planning.site import HANGING, Site
 from cranedyn.lifts.planning.solids import Solid, convex_hull, rotation_z
 from cranedyn.model.crane import Crane
 
@@ -156,6 +157,28 @@ class CollisionBodies(HangingBodies):
     def _boxes(self) -> Sequence[BoundingBox]:
         """The trolley rolls above the load, and `spread` counts it, too."""
         return self.trolley, self.hook
+
+
+Bodies = TypeVar("Bodies", bound=HangingBodies)
+
+
+def with_hook_above_rigging(bodies: Bodies, site: Site) -> Bodies:
+    """Return bodies with the hook block where the rigging of a site has it: its saddle above the
+    lifting points by the height of slings and spreader, and the block as high as it is entered.
+    Where that height does not follow from what is entered, the hook stays as the description draws
+    it, just above the load. The falls of the rope run to the load, so that what is as wide as the
+    block is compared all the way down.
+    """
+    rigging = rigging_height(site.details)
+    if rigging is None or site.load is None:
+        return bodies
+    middle = float(site.load[:, 2].min() + site.load[:, 2].max()) / 2.0
+    saddle = middle + attachment_height(site.details, site.load) + rigging
+    width, depth, drawn_height = bodies.hook.size
+    height = site.details.hook_block_height or float(drawn_height)
+    x, y, _ = bodies.hook.centre
+    hook = BoundingBox(np.array([x, y, saddle + height / 2.0]), np.array([width, depth, height]))
+    return replace(bodies, hook=hook)
 
 
 def collision_bodies(crane: Crane, load: np.ndarray | None = None) -> CollisionBodies:

@@ -43,6 +43,7 @@ from cranedyn.lifts.planning.ground_lift import (
     standing_corners,
 )
 from cranedyn.lifts.planning.lift import Lift, NoWay, crane_of, plan_lift
+from cranedyn.lifts.planning.plan_details import Slings
 from cranedyn.lifts.planning.site import Site
 from cranedyn.lifts.planning.site_file import read_fields
 from cranedyn.lifts.planning.site_table import SiteTable
@@ -408,6 +409,8 @@ class _Planner:
         return replace(
             self._site,
             load=np.array(box_corners(width, length, height)),
+            # Slings and spreader of [rigging] are those of the load of [load].
+            details=replace(self._site.details, slings=Slings(), spreader=None),
             crane={**self._site.crane, "payload_mass": mass},
             solids=(*self._site.solids, *standing),
             start=None,

@@ -247,7 +247,7 @@ def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
         value = f"{moving:,.0f} kg in all that moves, without the load"
         origin = Origin.ENTERED
         if site.description is not None and site.description.file is None:
-            shipped = _shipped_masses(site)
+            shipped = shipped_masses(site)
             origin = Origin.SHIPPED if shipped else Origin.COMPUTED
             if shipped:
                 value = f"{value}; as shipped: {', '.join(shipped)}"
@@ -270,8 +270,13 @@ def _masses_of_model(site: Site, crane: Crane) -> Iterator[Assumption]:
         )
 
 
-def _shipped_masses(site: Site) -> list[str]:
-    """Return the masses of a crane of this package that the site does not enter, in words."""
+def shipped_masses(site: Site) -> list[str]:
+    """Return the masses of a crane of this package that the site does not enter, in words; none of
+    a published machine, or of a crane from a file.
+    """
+    described = site.description
+    if described is None or described.file is not None or described.machine is not None:
+        return []
     known = _arguments_of(site)
     # The load and the rope have their own entries, and the links between the swing joints of a
     # model are no parts of a crane.

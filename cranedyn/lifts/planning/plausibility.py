@@ -230,6 +230,12 @@ is unusual: lugs stand out a little."""
 FARTHEST_POINT_OF_LOAD = 20.0
 """The same, beyond which it cannot be meant."""
 
+OVERHEAD_SPAN = 20.0
+"""Distance of the rails of the overhead crane of this package, as it is shipped [m]."""
+
+SPAN_TOLERANCE = 0.05
+"""Difference of a span and of the distance of the rails that is rounding [m]."""
+
 CHAIN_LIMITS = (
     *(1120.0, 1500.0, 2000.0, 3150.0, 5300.0, 8000.0, 10000.0, 11200.0, 12500.0, 15000.0, 16000.0),
     *(20000.0, 21200.0, 25000.0, 31500.0),
@@ -319,6 +325,7 @@ def findings(site: Site, reach: tuple[float, float] | None = None) -> list[Findi
         *_of_load(site),
         *_of_drives(site, reach),
         *_of_structure(site),
+        *_of_runway(site),
         *_of_rigging(site),
         *_of_plan(site),
         *_of_papers_beside_model(site),
@@ -457,6 +464,21 @@ def _of_structure(site: Site) -> Iterator[Finding]:
     if length:
         name = "The length of the counter-jib"
         yield from judge_value(ARM_LENGTH, float(length), "counter_jib", "length", name)
+
+
+def _of_runway(site: Site) -> Iterator[Finding]:
+    """Yield rails that are not as far apart as the bridge of this package's crane spans."""
+    described = site.description
+    if site.runway is None or described is None or described.kind != "overhead":
+        return
+    span = float(site.crane.get("span", OVERHEAD_SPAN))
+    first, second = site.runway.rails
+    if abs(abs(first - second) - span) > SPAN_TOLERANCE:
+        sentence = (
+            f"The rails are {abs(first - second):g} m apart, and the bridge spans {span:g} m: "
+            "span in [crane.values]."
+        )
+        yield Finding("runway", "rails", True, sentence)
 
 
 def _of_rigging(site: Site) -> Iterator[Finding]:

@@ -38,6 +38,7 @@ from cranedyn.lifts.planning.crane_bodies import (
     collision_bodies,
     corners_of,
     refuse_other_kinematics,
+    with_hook_above_rigging,
 )
 from cranedyn.lifts.planning.fields import Body, Field, Placed
 from cranedyn.lifts.planning.site import BELOW_UPPER, HANGING, MAST, OWN_BASE, OWN_UPPER
@@ -87,7 +88,7 @@ class TowerClearance(Clearance):
     @cached_property
     def bodies(self) -> CollisionBodies:
         """See `Clearance`."""
-        return collision_bodies(self.crane, self.site.load)
+        return with_hook_above_rigging(collision_bodies(self.crane, self.site.load), self.site)
 
     @property
     def parts(self) -> CraneParts:

@@ -235,6 +235,15 @@ def test_texts_stand_on_no_dimension_line_but_their_own() -> None:
                 assert abs(text.centre[0] - x) >= half, text
 
 
+def test_a_zone_without_a_top_ends_with_what_is_drawn_beside_it() -> None:
+    zone = replace(box("street", (12.0, 5.0), (4.0, 2.0, 10_000.0), 0.0), zone=True)
+    site = replace(small().site, solids=(*small().site.solids, zone))
+    drawn = elevation_view(LiftScene.of(replace(small(), site=site)))
+    top = max(float(points[:, 1].max()) for points in lines_on(drawn, "zones"))
+    assert top == pytest.approx(elevation().high[1] - 2.0, abs=4.0)
+    assert drawn.high[1] == pytest.approx(elevation().high[1])
+
+
 def test_positions_of_one_height_share_its_dimension() -> None:
     texts = [p.text for p in elevation().primitives if isinstance(p, Dimension)]
     heights = [text for text in texts if text.startswith("hook +")]
@@ -423,12 +432,18 @@ def test_the_hook_is_above_the_load_by_what_the_rigging_says() -> None:
 
 
 def test_the_ends_of_a_lift_are_named_by_whether_the_load_stands_there() -> None:
-    def lift(*phases: str) -> Any:
-        return SimpleNamespace(grounded=SimpleNamespace(lift=SimpleNamespace(phases=phases)))
+    def lift(*phases: str, standing: bool = True) -> Any:
+        place = np.array([6.0, -14.0]) if standing else np.array([6.0, -14.0, 3.0])
+        site = SimpleNamespace(start=place, goal=np.array([13.0, 9.0]))
+        grounded = SimpleNamespace(lift=SimpleNamespace(phases=phases)) if phases else None
+        return SimpleNamespace(grounded=grounded, site=site)
 
     assert end_names(small()) == ("pick-up", "set-down")
     assert end_names(lift("lift-off", "motion", "set-down")) == ("lifted off", "above set-down")
-    assert end_names(lift("motion", "set-down")) == ("pick-up", "above set-down")
+    hangs = lift("motion", "set-down", standing=False)
+    assert end_names(hangs) == ("pick-up", "above set-down")
+    # Where lift-off and set-down are not simulated, the motion begins and ends above both.
+    assert end_names(lift()) == ("above pick-up", "above set-down")
 
 
 def test_a_roof_of_triangles_is_in_the_elevation_also_where_its_walls_are_not() -> None:

@@ -17,7 +17,7 @@ from cranedyn.lifts.judging import judgement
 from cranedyn.lifts.judging.analysis import Requirements
 from cranedyn.lifts.judging.hook_radius import hook_radii, hook_radius
 from cranedyn.lifts.judging.lift_positions import lift_positions
-from cranedyn.lifts.judging.report_page import first_page_notices
+from cranedyn.lifts.judging.report_page import ONE_MOTION, first_page_notices
 from cranedyn.lifts.planning.clearance_of import clearance_of
 from cranedyn.lifts.planning.lift import NoWay, crane_of, plan_lift
 from cranedyn.lifts.planning.site_file import read_site
@@ -56,10 +56,11 @@ def test_page_chart_and_drawing_have_one_radius_for_a_load_that_is_swept_round(
     both = "The load hangs at the start and at the end of this lift: its pick-up and its set-down"
     assert both in judged.html()
     begins = replace(site, start=np.array([-RADIUS, 0.0]))
-    (notice,) = first_page_notices(replace(analysis, site=begins))
+    motion, notice = first_page_notices(replace(analysis, site=begins))
+    assert motion.sentence == ONE_MOTION and not motion.warns
     assert notice.sentence.startswith("The load hangs at the end of this lift: its set-down is not")
     stands = replace(begins, goal=np.array([0.0, -RADIUS]))
-    assert first_page_notices(replace(analysis, site=stands)) == []
+    assert first_page_notices(replace(analysis, site=stands)) == [motion]
     lift = analysis.certificate.lift
     planned = hook_radii(lift.clearance, lift.timed.places)
     assert planned is not None

@@ -27,6 +27,7 @@ from cranedyn.lifts.planning.crane_bodies import (
     shape_corners,
 )
 from cranedyn.lifts.planning.fields import Body, Field
+from cranedyn.lifts.planning.plan_details import PlanDetails, Slings
 from cranedyn.lifts.planning.remeasure import second_look
 from cranedyn.lifts.planning.site import GROUND, MAST
 from cranedyn.lifts.planning.solids import body, box, hull, prism
@@ -398,3 +399,27 @@ def test_a_shape_that_pinocchio_leaves_out_is_refused() -> None:
     origin.set("xyz", "here")
     with pytest.raises(ModelError, match=r"Of \d+ shapes of the crane \d+ could be read"):
         read_shapes(crane(), robot)
+
+
+@pytest.mark.parametrize("kind", ["tower", "overhead"])
+def test_the_hook_block_hangs_above_the_rigging_where_that_is_entered(kind: str) -> None:
+    """Legs of 3 m at 30° hold a cube of 1 m at its top; a block of 0.9 m is above them."""
+    of = crane() if kind == "tower" else load_crane(ROOT / "urdf/overhead_crane.urdf.xacro")
+    slings = Slings(number=2, angle=math.radians(30.0), length=3.0)
+    entered = PlanDetails(slings=slings, hook_block_height=0.9)
+    bare = clearance_of(of, site()).bodies.hook
+    hook = clearance_of(of, site(details=entered)).bodies.hook
+    saddle = 0.5 + 3.0 * math.cos(math.radians(30.0))
+    assert_allclose([hook.corners[:, 2].min(), hook.top], [saddle, saddle + 0.9])
+    assert_allclose(hook.size[:2], bare.size[:2])
+    assert bare.corners[:, 2].min() < saddle - 1.0
+    # Without their height it stays where it is drawn, just above the load.
+    unknown = PlanDetails(slings=Slings(number=2), hook_block_height=0.9)
+    assert_allclose(clearance_of(of, site(details=unknown)).bodies.hook.corners, bare.corners)
+
+
+def test_a_hook_above_its_rigging_needs_a_longer_rope() -> None:
+    slings = Slings(number=2, angle=math.radians(30.0), length=3.0)
+    with_slings = site(details=PlanDetails(slings=slings))
+    longer = TowerClearance(crane(), with_slings).shortest_cable
+    assert longer > clearance().shortest_cable + 1.0

@@ -178,6 +178,14 @@ def _draw_block(canvas: Canvas, middle: float, ends: tuple[float, float], *, kno
     canvas.circle(middle, lower - radius, radius, Stroke(stroke.colour, 0.6))
 
 
+def _aside(site: Site, per_metre: float) -> float:
+    """Return how far the middle of the load is to the right of the rope on the sheet [mm]: it hangs
+    with its centre of gravity below the hook.
+    """
+    centre = site.details.load.centre
+    return 0.0 if centre is None else -centre[0] * per_metre
+
+
 def _draw_slings(
     canvas: Canvas, site: Site, middle: float, per_metre: float, ends: tuple[float, float]
 ) -> None:
@@ -196,7 +204,7 @@ def _draw_slings(
         feet = [(-half, 0.0), (half, 0.0)]
     upper, lower = ends
     for across, above_mean in feet:
-        x = middle + across * per_metre
+        x = middle + _aside(site, per_metre) + across * per_metre
         y = lower - above_mean * per_metre
         canvas.line(middle, upper, x, y, stroke)
         if points:
@@ -228,12 +236,12 @@ def _draw_load(
     # The box has its whole height: the load rises above lifting points that lie below its top.
     width, _, height = (per_metre * np.ptp(site.load, axis=0)).tolist()
     stroke = Stroke("#9a4a00", 0.4, fill="#f0a04b", opacity=0.5)
-    canvas.box(middle - width / 2.0, lower - height, width, height, stroke)
+    left = middle + _aside(site, per_metre) - width / 2.0
+    canvas.box(left, lower - height, width, height, stroke)
     centre = site.details.load.centre
     if centre is None:
         return
-    # From the middle of the box.
-    x = middle + centre[0] * per_metre
+    x = middle
     y = lower - height / 2.0 - centre[2] * per_metre
     canvas.circle(x, y, 2.0, Stroke(INK, 0.4, fill="#ffffff"))
     canvas.line(x - 3.5, y, x + 3.5, y)

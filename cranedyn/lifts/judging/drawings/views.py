@@ -75,6 +75,9 @@ _LEAST_AREA = 1e-4
 _UNBOUNDED_TOP = 1000.0
 """Height from which on the top of a zone is not told [m]: it is higher than any crane."""
 
+_FAR = 1e4
+"""Beyond all that is drawn [m]."""
+
 MAX_NAMED = 12
 """Most obstacles beside zones whose names are on a drawing."""
 
@@ -213,6 +216,13 @@ class LiftScene:
             return float(self.shapes[index].hook[:, 2].min()) - ground
         attached = attachment_height(details, self.clearance.bodies.load)
         return float(self.positions[index].centre[2]) + attached + rigging - ground
+
+    @cached_property
+    def top(self) -> float:
+        """Height up to which the crane and all obstacles but zones reach [m]."""
+        bodies = [*self.shapes[0].standing, *self.shapes[0].moving]
+        bodies += [solid.vertices for solid in self.analysis.site.solids if not solid.zone]
+        return max(float(body[:, 2].max()) for body in bodies)
 
     @property
     def highest(self) -> int:
@@ -731,6 +741,9 @@ def _elevation_of_solid(scene: LiftScene, solid: Solid) -> list[Primitive]:
         area = shapely.affinity.translate(area, -float(right.origin[:2] @ right.right), 0.0)
     else:
         area = _turned_into_plane(scene, solid)
+    if solid.zone:
+        # One without a top would make all else small.
+        area = area.intersection(shapely.box(-_FAR, -_FAR, _FAR, scene.top))
     if area.is_empty:
         return []
     return [*_area(layer, area), Label(layer, as_point(_inside(area)), solid.name)]
