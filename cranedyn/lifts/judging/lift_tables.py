@@ -143,8 +143,7 @@ def _summary(analysis: LiftAnalysis) -> Table:
         *_details_rows(analysis),
         [_duration_name(analysis), f"{analysis.duration:.0f} s", "-"],
     ]
-    note = "Where each of these is from stands in the tables below."
-    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
+    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows)
 
 
 def _duration_name(analysis: LiftAnalysis) -> str:

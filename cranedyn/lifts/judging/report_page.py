@@ -78,9 +78,8 @@ SHEET_FOOT = MARGIN - 1.0
 [mm]: a little less than the margin below the frame of a sheet, so that nothing of it is cut off."""
 
 ONE_MOTION = (
-    "It holds for one motion, that of the sequence below, with all drives at its times and speeds, "
-    "as a program drives them. By hand, or one drive after the other, the load takes other ways, "
-    "which are not proven."
+    "This is about one motion, that of the sequence, its drives together, as a program drives "
+    "them. By hand, or one after the other, the load takes other ways, which are not proven."
 )
 """What the verdict is about, for the first page."""
 
@@ -136,6 +135,7 @@ def lift_html(
         picture=_picture(analysis),
         identification=identification(analysis),
         against=[check for check in worst_first(checks) if check.verdict is not Verdict.HOLDS],
+        one_motion=ONE_MOTION,
         notices=first_page_notices(analysis),
         numbers=named.pop(SUMMARY_TITLE),
         wind=named.pop(WIND_TITLE),
@@ -175,8 +175,7 @@ class Notice(NamedTuple):
 
 def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
     """Return what whoever signs must know before any number: that the chart is of no real crane or
-    an estimate, which motion it is about, that the load hangs at an end, and which lift of a shift
-    this is.
+    an estimate, that the load hangs at an end, and which lift of a shift this is.
     """
     notices = []
     assumptions = analysis.inputs.assumptions
@@ -192,7 +191,6 @@ def first_page_notices(analysis: LiftAnalysis) -> list[Notice]:
             "crane's maker, and judge again."
         )
         notices.append(Notice(sentence, warns=True))
-    notices.append(Notice(ONE_MOTION, warns=False))
     hangs = _hangs_at(analysis.site)
     if hangs:
         notices.append(Notice(hangs, warns=False))

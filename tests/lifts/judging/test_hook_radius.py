@@ -54,13 +54,12 @@ def test_page_chart_and_drawing_have_one_radius_for_a_load_that_is_swept_round(
     judged = judgement.judge(site, requirements=required)
     analysis = judged.analysis
     both = "The load hangs at the start and at the end of this lift: its pick-up and its set-down"
-    assert both in judged.html()
+    assert both in judged.html() and ONE_MOTION in judged.html()
     begins = replace(site, start=np.array([-RADIUS, 0.0]))
-    motion, notice = first_page_notices(replace(analysis, site=begins))
-    assert motion.sentence == ONE_MOTION and not motion.warns
+    (notice,) = first_page_notices(replace(analysis, site=begins))
     assert notice.sentence.startswith("The load hangs at the end of this lift: its set-down is not")
     stands = replace(begins, goal=np.array([0.0, -RADIUS]))
-    assert first_page_notices(replace(analysis, site=stands)) == [motion]
+    assert first_page_notices(replace(analysis, site=stands)) == []
     lift = analysis.certificate.lift
     planned = hook_radii(lift.clearance, lift.timed.places)
     assert planned is not None
