@@ -214,6 +214,7 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         ),
         _headroom(analysis),
         PlanField("Tag lines", details.tag_lines),
+        PlanField("Accessories thoroughly examined", details.rigging_examined),
     ]
     if spreader is None:
         fields.append(PlanField("Spreader", "none entered"))
@@ -297,6 +298,7 @@ def _crane(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Wind limit of the maker", None if limit is None else wind_text(limit)),
         PlanField("Wind measured by", crane.wind_measured),
         PlanField("How it is left out of service", crane.out_of_service),
+        PlanField("Thoroughly examined", crane.examined),
     ]
     return FieldGroup("Crane", fields)
 

@@ -46,7 +46,10 @@ CRANE_FIELDS = _fields_of(CraneDocuments)
 LOAD_FIELDS = _fields_of(LoadDetails)
 """Fields of [load] beside its size and its mass."""
 
-RIGGING_FIELDS = ("hook", "hook_height", "hook_limit", "slings", "spreader", "falls", "tag_lines")
+RIGGING_FIELDS = (
+    *("hook", "hook_height", "hook_limit", "slings", "spreader", "falls"),
+    *("tag_lines", "examined"),
+)
 """Fields of [rigging]. `slings` is a mass, or the table [rigging.slings]."""
 
 SLING_FIELDS = ("mass", "type", "number", "angle", "length", "limit", "set_limit", "certificate")
@@ -123,6 +126,7 @@ def details_of(tables: Mapping[str, SiteTable]) -> PlanDetails:
         ground=_ground(tables["ground"]),
         limits=_limits(tables["limits"]),
         tag_lines=tables["rigging"].optional_text("tag_lines"),
+        rigging_examined=tables["rigging"].optional_text("examined"),
         exclusion=safety.optional_text("exclusion"),
         in_zone=safety.named_texts("in_zone"),
         trial_lift=safety.optional_text("trial_lift"),
@@ -162,6 +166,7 @@ def _crane(crane: SiteTable) -> CraneDocuments:
         corner_in_service=crane.optional_kilonewtons("corner_in_service"),
         corner_out_of_service=crane.optional_kilonewtons("corner_out_of_service"),
         out_of_service=crane.optional_text("out_of_service"),
+        examined=crane.optional_text("examined"),
     )
 
 

@@ -103,6 +103,7 @@ class CraneDocuments:
             which the crane works [N].
         corner_out_of_service: The same out of service, in a storm [N].
         out_of_service: How it is left, and up to which wind, in words.
+        examined: When it was thoroughly examined, with the number of the report, in words.
     """
 
     maker: str | None = None
@@ -120,6 +121,7 @@ class CraneDocuments:
     corner_in_service: float | None = None
     corner_out_of_service: float | None = None
     out_of_service: str | None = None
+    examined: str | None = None
 
     @property
     def corner_forces(self) -> dict[str, float | None]:
@@ -279,6 +281,8 @@ class PlanDetails:
         ground: What carries the crane.
         limits: Limits of the site.
         tag_lines: How the load is kept from turning, such as "two, of 10 m".
+        rigging_examined: When slings and other accessories were thoroughly examined, with the
+            numbers of the reports, in words.
         exclusion: How the area below the load is kept clear, in words.
         in_zone: What is done about people and services in what stands in that area, in words, by
             the name of what stands there, or by the beginning of such names.
@@ -298,6 +302,7 @@ class PlanDetails:
     ground: GroundDetails = field(default_factory=GroundDetails)
     limits: SiteLimits = field(default_factory=SiteLimits)
     tag_lines: str | None = None
+    rigging_examined: str | None = None
     exclusion: str | None = None
     in_zone: Mapping[str, str] = field(default_factory=dict)
     trial_lift: str | None = None

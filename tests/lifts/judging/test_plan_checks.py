@@ -401,8 +401,13 @@ def test_each_corner_of_the_base_has_its_forces() -> None:
 
 def test_tag_lines_trial_lift_ballast_and_storm_are_fields_to_be_filled_in() -> None:
     labels = ("Tag lines", "Trial lift", "Central ballast", "How it is left out of service")
-    crane = CraneDocuments(central_ballast=40e3, out_of_service="brake open")
-    entered = planned(crane=crane, tag_lines="two", trial_lift="0.3 m high")
+    crane = CraneDocuments(central_ballast=40e3, out_of_service="brake open", examined="4711")
+    entered = planned(
+        crane=crane, tag_lines="two", trial_lift="0.3 m high", rigging_examined="4712"
+    )
+    of_entered = {f.label: f.value for group in field_groups(entered) for f in group.fields}
+    assert of_entered["Thoroughly examined"] == "4711"
+    assert of_entered["Accessories thoroughly examined"] == "4712"
     for found, values in ((bare(), [None] * 4), (entered, ["two", "0.3 m high", "40.00 t", None])):
         fields = {f.label: f.value for group in field_groups(found) for f in group.fields}
         shown = [fields[label] for label in labels]
