@@ -160,6 +160,7 @@ class CollisionBodies(HangingBodies):
 
 
 Bodies = TypeVar("Bodies", bound=HangingBodies)
+"""Bodies of any crane."""
 
 
 def with_hook_above_rigging(bodies: Bodies, site: Site) -> Bodies:

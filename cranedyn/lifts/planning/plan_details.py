@@ -285,7 +285,7 @@ class PlanDetails:
             numbers of the reports, in words.
         exclusion: How the area below the load is kept clear, in words.
         in_zone: What is done about people and services in what stands in that area, in words, by
-            the name of what stands there, or by the beginning of such names.
+            the name of what stands there, or by the beginning of such names and a star.
         trial_lift: How the load is tried before it is lifted, in words.
         contingency: What is done if something goes wrong, in sentences.
         shift: What the plan of a shift says of the lift; None if it is of none.
@@ -314,6 +314,16 @@ class PlanDetails:
         nobody entered it.
         """
         for key, done in self.in_zone.items():
-            if name.startswith(key):
+            if is_named(name, key):
                 return done
         return None
+
+
+def is_named(name: str, key: str) -> bool:
+    """Return whether a key of `PlanDetails.in_zone` is the name of something, or its beginning and
+    a star, such as "house*" for all parts of a building model. A beginning alone is none: "shed"
+    says nothing of "shed 2".
+    """
+    if key.endswith("*"):
+        return name.startswith(key.removesuffix("*"))
+    return name == key

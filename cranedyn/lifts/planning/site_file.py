@@ -33,6 +33,7 @@ from cranedyn.lifts.planning.details_file import (
     rigging_tables,
 )
 from cranedyn.lifts.planning.plan_assumptions import in_words
+from cranedyn.lifts.planning.plan_details import is_named
 from cranedyn.lifts.planning.plausibility import findings
 from cranedyn.lifts.planning.site import (
     CRANE_HEADING,
@@ -335,19 +336,20 @@ def _crane_values_of(
 
 
 def _check_names_in_zone(safety: SiteTable, in_zone: Iterable[str], solids: list[Solid]) -> None:
-    """Check that each name of `[safety] in_zone` is that of an obstacle, or the beginning of one.
+    """Check that each name of `[safety] in_zone` is that of an obstacle.
 
     Raises:
         DataError: If one is not: a misspelt name would be taken for something that is cleared.
     """
     names = [solid.name for solid in solids]
     for key in in_zone:
-        if not key or not any(name.startswith(key) for name in names):
+        if not any(is_named(name, key) for name in names):
             known = ", ".join(names[:8]) or "none"
             safety.fail(
                 "in_zone",
-                f"no obstacle has the name {quoted(key)}, or one that begins with it. Names are: "
-                f"{known}{', ...' if len(names) > 8 else ''}.",
+                f"no obstacle has the name {quoted(key)}. Names are: {known}"
+                f"{', ...' if len(names) > 8 else ''}. All that begin alike are named by their "
+                'beginning and a star, such as "house*".',
             )
 
 

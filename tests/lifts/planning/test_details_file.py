@@ -204,17 +204,21 @@ def test_an_angle_from_the_horizontal_is_seen_by_the_length_of_the_leg(tmp_path:
 
 def test_what_stands_in_the_zone_is_cleared_by_its_name(tmp_path: Path) -> None:
     box = '[[box]]\nname = "site office"\ncentre = [9.0, 9.0]\nsize = [1.0, 1.0, 1.0]\n'
-    said = WHOLE.replace("[safety]\n", '[safety]\nin_zone = { "site" = "it is emptied" }\n')
+    said = WHOLE.replace("[safety]\n", '[safety]\nin_zone = { "site*" = "it is emptied" }\n')
     details = read(tmp_path, said + box).details
     assert details.done_about("site office") == "it is emptied"
     assert details.done_about("shed") is None
+    exact = read(tmp_path, said.replace('"site*"', '"site office"') + box).details
+    assert exact.done_about("site office") == "it is emptied"
+    assert exact.done_about("site office 2") is None
     for wrong, sentence in (
         ('{ "ofice" = "empty" }', "no obstacle has the name ofice"),
         ('{ "" = "all are empty" }', "no obstacle has the name"),
+        ('{ "site" = "it is emptied" }', "no obstacle has the name site."),
         ('{ "site office" = "" }', "a printable text"),
         ('"it is emptied"', "a table of sentences by name"),
     ):
-        text = said.replace('{ "site" = "it is emptied" }', wrong) + box
+        text = said.replace('{ "site*" = "it is emptied" }', wrong) + box
         with pytest.raises(DataError, match=re.escape(sentence)):
             read(tmp_path, text)
 
