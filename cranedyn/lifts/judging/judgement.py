@@ -23,6 +23,7 @@ from cranedyn.lifts.judging.analysis import (
     Requirements,
 )
 from cranedyn.lifts.judging.chart import (
+    CUT_OUT,
     Chart,
     NotCovered,
     refuse_planned_radii,
@@ -234,10 +235,12 @@ def judge(
     progress(2)
     if certificate.holds and used is not None and requirements.gusts:
         assert inputs.chart is not None and inputs.requirements.swing is not None
+        share = site.details.limits.chart_share
         wind = wind_limit(
             certificate,
             inputs.chart,
             inputs.falls,
+            share=CUT_OUT if share is None else share,
             swing=inputs.requirements.swing,
             count=requirements.gusts,
             dt=2.0 * dt,

@@ -132,6 +132,7 @@ def _summary(analysis: LiftAnalysis) -> Table:
             gust,
             "-" if required.wind is None else f"{wind_text(required.wind)} needed",
         ],
+        *_gust_rows(analysis),
         ["least distance", f"{nearest.distance:.2f} m", f"{analysis.site.distance:g} m needed"],
         ["there are nearest", f"{nearest.body} and {nearest.obstacle}", "-"],
         ["perturbed lifts too near", probability, _or_dash(required.risk, 100.0, "%")],
@@ -144,6 +145,21 @@ def _summary(analysis: LiftAnalysis) -> Table:
         [_duration_name(analysis), f"{analysis.duration:.0f} s", "-"],
     ]
     return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows)
+
+
+def _gust_rows(analysis: LiftAnalysis) -> list[Row]:
+    """Return the row of what is used of the chart in the gust that the lift must bear, where a load
+    that is blown outward may use more than in calm air; none where no gusts were simulated, or not
+    as strong ones.
+    """
+    wind = analysis.wind
+    required = analysis.requirements.wind
+    if wind is None or required is None or required > wind.speeds[-1]:
+        return []
+    used = float(wind.worst["utilisation"][np.searchsorted(wind.speeds, required)])
+    shown = "beyond the chart" if used > FAILED_SHARE else f"{100.0 * used:.1f} %"
+    limit = f"{100.0 * wind.allowed['utilisation']:g} %"
+    return [["utilisation in the gust needed", shown, limit]]
 
 
 def _duration_name(analysis: LiftAnalysis) -> str:

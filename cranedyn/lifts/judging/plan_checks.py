@@ -20,6 +20,7 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.load_joints import LoadJoints
 from cranedyn.lifts.judging.loads import hanging_mass
 from cranedyn.lifts.judging.table import tonnes
+from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.plan_assumptions import in_words
 from cranedyn.lifts.planning.plan_details import CraneDocuments
 from cranedyn.lifts.planning.rigging import (
@@ -33,11 +34,15 @@ from cranedyn.lifts.planning.rigging import (
     sling_angle,
     tilt,
 )
+from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
 
 MAX_SLING_ANGLE = math.radians(60.0)
 """Largest angle of a leg from the vertical at which slings may be used [rad]: of guides for
 slingers, as for EN 818-4 and EN 1492; read second hand."""
+
+JIB_TOLERANCE = 0.01
+"""Length by which a jib may be shorter in the model than entered [m]: rounding."""
 
 KMH = 3.6
 """One metre per second in kilometres per hour."""
@@ -339,6 +344,26 @@ def rope_left(analysis: LiftAnalysis) -> float | None:
     return shortest - hangs
 
 
+def jib_as_long_as_entered(analysis: LiftAnalysis) -> Check | None:
+    """Check that the jib of the model, with which it is proven that the jib turns freely, is no
+    shorter than that of the crane's papers: the model's ends just beyond the largest radius of its
+    trolley.
+    """
+    length = analysis.site.details.crane.jib_length
+    clearance = analysis.certificate.lift.clearance
+    if length is None or not isinstance(clearance, TowerClearance):
+        return None
+    # The jib points along -Y at zero slew.
+    tip = max(-float(corners_of(shape)[:, 1].min()) for shape in clearance.bodies.upper)
+    if tip >= length - JIB_TOLERANCE:
+        return Check(f"The jib of the model, {tip:.2f} m, is no shorter than entered.", True)
+    return Check(
+        f"The jib of the model ends {tip:.2f} m from the slew axis, and jib_length is {length:g} "
+        "m: what its outer part meets is not judged. Enter trolley_max of the crane.",
+        None,
+    )
+
+
 # --- ground ---------------------------------------------------------------------------------------
 
 
@@ -608,6 +633,7 @@ PLAN_CHECKS: dict[PlanCheck, str] = {
     centre_between_lifting_points: (
         "How the load hangs: [load] lacks lifting_points or centre, its centre of gravity."
     ),
+    jib_as_long_as_entered: "",  # the model's jib is then the only one
     headroom: "The headroom: [crane] lacks height_under_hook.",
     rope_above_hook_block: (
         "Whether the hook block fits below the upper end of the rope: [rigging] lacks hook_height."

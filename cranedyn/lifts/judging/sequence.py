@@ -26,7 +26,6 @@ from cranedyn.lifts.judging.numbered_positions import (
 from cranedyn.lifts.judging.table import BLANK, place_text
 from cranedyn.lifts.planning.clearance import Clearance
 from cranedyn.lifts.planning.ground_lift import stands_at
-from cranedyn.lifts.planning.timing import STEP
 
 LEAST_WAY = 0.05
 """Way of a drive in a step up to which it is not told [m]."""
@@ -145,6 +144,11 @@ def motion_steps(analysis: LiftAnalysis, positions: list[Position]) -> list[Lift
     steps = []
     for before, after in itertools.pairwise(positions):
         places = lift.timed.places[before.row : after.row + 1]
+        # The places are those of the load; the drives lead it, and are faster at times.
+        motion = lift.timed.motion
+        first, last = (round(position.t / motion.period) for position in (before, after))
+        driven = motion.q[first : last + 1, clearance.drive_joints]
+        rates = np.abs(np.diff(driven, axis=0)).max(axis=0) / motion.period
         drives = _moving(clearance, places)
         movements = [_movement(clearance, places, drive) for drive in drives]
         steps.append(
@@ -154,7 +158,7 @@ def motion_steps(analysis: LiftAnalysis, positions: list[Position]) -> list[Lift
                 begins=motion_begins + before.t,
                 ends=motion_begins + after.t,
                 movements=tuple(movements) or ("No drive moves by as much as is told here",),
-                speeds=tuple(_speed(clearance, places, drive) for drive in drives),
+                speeds=tuple(_speed(clearance, float(rates[drive]), drive) for drive in drives),
                 place=after.centre,
             )
         )
@@ -250,10 +254,9 @@ def _slide(clearance: Clearance, places: np.ndarray, drive: int) -> str:
     return f"{np.linalg.norm(way):.1f} m towards {sign}{'xy'[axis]}"
 
 
-def _speed(clearance: Clearance, places: np.ndarray, drive: int) -> str:
-    """Return the largest rate of a drive in some places, in words."""
+def _speed(clearance: Clearance, rate: float, drive: int) -> str:
+    """Return the largest rate of a drive [rad/s or m/s] in words."""
     joint = clearance.crane.layout.driven[drive]
-    rate = float(np.abs(np.diff(places[:, drive])).max()) / STEP
     name = joint.role or joint.symbol
     if joint.kind == "revolute":
         return f"{name} {math.degrees(rate):.1f} °/s"

@@ -163,6 +163,7 @@ def wind_limit(
     chart: Chart,
     falls: int | None = None,
     *,
+    share: float = CUT_OUT,
     swing: float = math.radians(5.0),
     count: int = 32,
     seed: int = 1,
@@ -183,6 +184,7 @@ def wind_limit(
         certificate: The lift.
         chart: Load chart of the crane.
         falls: Number of falls that carry the hook; None for the fewest of the chart.
+        share: Largest share of the rated load that may be used.
         swing: Largest angle of the rope from plumb that is allowed [rad].
         count: Number of gusts to draw.
         seed: Seed of the random numbers.
@@ -195,7 +197,7 @@ def wind_limit(
     """
     chart.of_falls(falls)  # refuses an unknown number of falls before anything is simulated
     allowed = {
-        "utilisation": CUT_OUT,
+        "utilisation": within("share of the rated load", share, 0.0, CUT_OUT),
         "swing": within("swing", swing, 0.0, math.pi / 2.0, "rad"),
         "clearance": certificate.lift.clearance.site.distance,
     }

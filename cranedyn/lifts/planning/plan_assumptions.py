@@ -149,7 +149,11 @@ def _values_of_crane(
         kind: Which crane of this package it is, in words.
     """
     known = _arguments_of(site)
-    efforts = [f"{joint.role or joint.symbol}_effort" for joint in crane.layout.driven]
+    efforts = []
+    for joint in crane.layout.driven:
+        name = f"{joint.role or joint.symbol}_effort"
+        if f"[crane.values] {name}" not in site.entered:
+            efforts.append(name)
     elsewhere = {"payload_mass", "counterweight", "counter_jib", "falls", *efforts}
     if site.is_tower:
         elsewhere |= MASS_ARGUMENTS.keys()

@@ -38,6 +38,7 @@ from cranedyn.lifts.judging.plan_checks import (
     gust_below_all_limits,
     headroom,
     hook_block_bears,
+    jib_as_long_as_entered,
     not_checked,
     papers_bear,
     plan_checks,
@@ -535,6 +536,36 @@ def test_a_site_without_obstacles_has_no_distances_of_the_structure() -> None:
     assert clearance_of_lift.least_of_structure(q).keys() == (
         clearance_of_lift.nearest_to_structure(q).keys()
     )
+
+
+def test_a_jib_that_is_longer_than_that_of_the_model_is_not_judged() -> None:
+    """The trolley runs to 22 m, and the jib of the model ends 1.54 m beyond."""
+    for length, holds in ((22.0, True), (23.54, True), (23.6, None), (40.0, None)):
+        check = jib_as_long_as_entered(planned(crane=CraneDocuments(jib_length=length)))
+        assert check is not None and check.holds is holds, check.sentence
+    assert jib_as_long_as_entered(planned()) is None
+
+
+def test_the_first_page_has_what_is_used_of_the_chart_in_the_gust_needed() -> None:
+    made = bare()
+    assert made.wind is not None
+    worst = {**made.wind.worst, "utilisation": np.full_like(made.wind.speeds, 0.946)}
+    for allowed, limit in ((1.0, "100 %"), (0.9, "90 %")):
+        of_site = {**made.wind.allowed, "utilisation": allowed}
+        blown = replace(made, wind=replace(made.wind, worst=worst, allowed=of_site))
+        (table,) = [t for t in tables(blown) if t.title == "In numbers"]
+        assert ["utilisation in the gust needed", "94.6 %", limit] in table.cells()
+
+
+def test_speeds_of_a_step_are_those_of_the_drives() -> None:
+    """Drives lead the load, and one of them is at its limit of the plan somewhere."""
+    drives = bare().certificate.lift.clearance.drive_joints
+    motion = bare().certificate.lift.timed.motion
+    rates = np.abs(np.diff(motion.q[:, drives], axis=0)).max(axis=0) / motion.period
+    speeds = " ".join(speed for step in lift_steps(bare()) for speed in step.speeds)
+    for name, rate in (("slew", math.degrees(rates[0])), ("hoist", rates[2])):
+        told = [float(text) for text in re.findall(rf"{name} ([\d.]+)", speeds)]
+        assert max(told) == pytest.approx(rate, abs=0.06)
 
 
 def test_the_table_of_winds_says_where_the_utilisation_of_the_first_page_is() -> None:

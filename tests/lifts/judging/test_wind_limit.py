@@ -189,6 +189,7 @@ def test_no_limit_is_kept_by_a_lift_that_failed_or_a_number_that_is_none(bad: fl
         ({"swing": math.nan}, "swing is nan"),
         ({"swing": -0.1}, "swing is -0.1 rad"),
         ({"swing": 5.0}, "swing is 5.0 rad"),
+        ({"share": 1.2}, "share of the rated load is 1.2; allowed is 0 to 1"),
         ({"count": 0}, "number of lifts is 0"),
         ({"count": 2.5}, "number of lifts is 2.5"),
         ({"seed": -1}, "seed is -1"),
