@@ -144,7 +144,8 @@ def _summary(analysis: LiftAnalysis) -> Table:
         *_details_rows(analysis),
         [_duration_name(analysis), f"{analysis.duration:.0f} s", "-"],
     ]
-    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows)
+    note = "Each is from a table below."
+    return Table(SUMMARY_TITLE, [("", ""), ("this lift", ""), ("limit", "")], rows, note)
 
 
 def _gust_rows(analysis: LiftAnalysis) -> list[Row]:
