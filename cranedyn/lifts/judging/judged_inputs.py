@@ -35,6 +35,9 @@ DEFAULT_GUST_SWING = math.radians(5.0)
 DEFAULT_RISK = 0.01
 """Largest probability that a perturbed lift comes too close where nobody entered one."""
 
+CHART_FIELD = "[crane] chart"
+"""The field of a site that names its chart."""
+
 SHIPPED_CHART = "laboratory"
 """The chart of the tower crane that comes with the package."""
 
@@ -268,11 +271,11 @@ def _chart(site: Site, crane: Crane, given: Chart | None) -> tuple[Chart | None,
         return given, Assumption("load chart", given.name, Origin.ENTERED, "--chart")
     if site.chart is not None:
         chart = read_chart(site.chart)
-        return chart, Assumption("load chart", chart.name, Origin.ENTERED, "[crane] chart")
+        return chart, Assumption("load chart", chart.name, Origin.ENTERED, CHART_FIELD)
     if is_shipped_crane(crane):
         chart = read_chart(SHIPPED_CHART)
         return chart, Assumption("load chart", chart.name, Origin.SHIPPED)
-    return None, Assumption("load chart", "none of this crane", Origin.DEFAULT, "[crane] chart")
+    return None, Assumption("load chart", "none of this crane", Origin.DEFAULT, CHART_FIELD)
 
 
 def _falls(site: Site, chart: Chart, given: int | None) -> tuple[int, Assumption]:

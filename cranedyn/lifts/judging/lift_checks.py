@@ -12,7 +12,12 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.chart import CUT_OUT, WARNING
 from cranedyn.lifts.judging.lift_positions import interpolation
 from cranedyn.lifts.judging.load_joints import LoadJoints
-from cranedyn.lifts.judging.plan_checks import corner_range, plan_checks, wind_text
+from cranedyn.lifts.judging.plan_checks import (
+    JIB_TOLERANCE,
+    corner_range,
+    plan_checks,
+    wind_text,
+)
 from cranedyn.lifts.planning.crane_bodies import corners_of
 from cranedyn.lifts.planning.ground_lift import not_grounded, stands_at
 from cranedyn.lifts.planning.perturbed import CONFIDENCE
@@ -24,10 +29,6 @@ from cranedyn.lifts.planning.plan_assumptions import (
 )
 from cranedyn.lifts.planning.tower_clearance import TowerClearance
 from cranedyn.verdict import Check
-
-COUNTER_JIB_TOLERANCE = 0.01
-"""Length by which an entered counter-jib may reach beyond the shapes of a crane's description [m]:
-what rounding to centimetres makes, far below the distance that a lift keeps."""
 
 CheckFunction = Callable[[LiftAnalysis], Check]
 """A check: from what was computed of a lift to a sentence with its numbers and a verdict. It is not
@@ -130,9 +131,9 @@ def counter_jib_entered(analysis: LiftAnalysis) -> Check:
         drawn = max(float(corners_of(shape)[:, 1].max()) for shape in upper)
         return Check(
             f"The counter-jib of the crane's description reaches {drawn:.2f} m behind the slew "
-            f"axis; {length:g} m entered, which may be at most {COUNTER_JIB_TOLERANCE:g} m longer "
+            f"axis; {length:g} m entered, which may be at most {JIB_TOLERANCE:g} m longer "
             "than drawn.",
-            drawn >= length - COUNTER_JIB_TOLERANCE,
+            drawn >= length - JIB_TOLERANCE,
         )
     if length:
         return Check(f"The counter-jib is as long as entered, {length:g} m.", True)

@@ -42,7 +42,8 @@ MAX_SLING_ANGLE = math.radians(60.0)
 slingers, as for EN 818-4 and EN 1492; read second hand."""
 
 JIB_TOLERANCE = 0.01
-"""Length by which a jib may be shorter in the model than entered [m]: rounding."""
+"""Length by which a jib or counter-jib that is entered may reach beyond the shapes of a crane's
+description [m]: what rounding to centimetres makes, far below the distance that a lift keeps."""
 
 KMH = 3.6
 """One metre per second in kilometres per hour."""

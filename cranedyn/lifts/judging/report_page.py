@@ -28,6 +28,7 @@ from cranedyn.lifts.judging.analysis import LiftAnalysis
 from cranedyn.lifts.judging.drawings import DrawingTooLarge, LiftScene, LiftSheet, sheets
 from cranedyn.lifts.judging.drawings.sheet import MARGIN
 from cranedyn.lifts.judging.hook_radius import hook_radii
+from cranedyn.lifts.judging.judged_inputs import CHART_FIELD
 from cranedyn.lifts.judging.lift_figures import LiftFigure
 from cranedyn.lifts.judging.lift_positions import lift_category
 from cranedyn.lifts.judging.lift_tables import SUMMARY_TITLE
@@ -82,9 +83,6 @@ ONE_MOTION = (
     "them. By hand, or one after the other, the load takes other ways, which are not proven."
 )
 """What the verdict is about, for the first page."""
-
-CHART_FIELD = "[crane] chart"
-"""The field of a site that names its chart."""
 
 _OPTIONS = (
     "--headless=new",

@@ -111,8 +111,9 @@ def all_steps(analysis: LiftAnalysis) -> list[LiftStep | StepByHand]:
     """
     details = analysis.site.details
     stands = loads_at_rest(analysis)
-    last = len(numbered_positions(analysis))
-    steps: list[LiftStep | StepByHand] = [*lift_steps(analysis)]
+    timed = lift_steps(analysis)
+    last = timed[-1].last
+    steps: list[LiftStep | StepByHand] = [*timed]
     before: list[LiftStep | StepByHand] = []
     if stands_at(analysis.site.start):
         slinging = "Sling the load"

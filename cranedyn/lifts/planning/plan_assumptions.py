@@ -148,7 +148,7 @@ def _values_of_crane(
         arguments: Values of the crane that differ from its defaults, by name.
         kind: Which crane of this package it is, in words.
     """
-    known = _arguments_of(site)
+    known = arguments_of(site)
     efforts = []
     for joint in crane.layout.driven:
         name = f"{joint.role or joint.symbol}_effort"
@@ -182,7 +182,7 @@ def _values_of_crane(
         )
 
 
-def _arguments_of(site: Site) -> dict[str, Argument]:
+def arguments_of(site: Site) -> dict[str, Argument]:
     """Return the arguments of the crane of this package that stands on a site, by name."""
     described = site.description
     path = None if described is None else described.urdf
@@ -281,7 +281,7 @@ def shipped_masses(site: Site) -> list[str]:
     described = site.description
     if described is None or described.file is not None or described.machine is not None:
         return []
-    known = _arguments_of(site)
+    known = arguments_of(site)
     # The load and the rope have their own entries, and the links between the swing joints of a
     # model are no parts of a crane.
     others = ("payload_mass", "rope_mass", "dummy_mass")

@@ -24,6 +24,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from cranedyn.errors import DataError
+from cranedyn.lifts.planning.plan_assumptions import arguments_of
 from cranedyn.lifts.planning.plan_details import LoadDetails, PlanDetails, Slings, Spreader
 from cranedyn.lifts.planning.rigging import sling_angle
 from cranedyn.lifts.planning.site import MAX_SWING, MIN_SWING, Site, SiteDrive
@@ -229,9 +230,6 @@ is unusual: lugs stand out a little."""
 
 FARTHEST_POINT_OF_LOAD = 20.0
 """The same, beyond which it cannot be meant."""
-
-OVERHEAD_SPAN = 20.0
-"""Distance of the rails of the overhead crane of this package, as it is shipped [m]."""
 
 SPAN_TOLERANCE = 0.05
 """Difference of a span and of the distance of the rails that is rounding [m]."""
@@ -471,7 +469,7 @@ def _of_runway(site: Site) -> Iterator[Finding]:
     described = site.description
     if site.runway is None or described is None or described.kind != "overhead":
         return
-    span = float(site.crane.get("span", OVERHEAD_SPAN))
+    span = float(site.crane.get("span", arguments_of(site)["span"].default))
     first, second = site.runway.rails
     if abs(abs(first - second) - span) > SPAN_TOLERANCE:
         sentence = (

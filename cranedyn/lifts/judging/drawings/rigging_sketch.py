@@ -21,6 +21,7 @@ from cranedyn.lifts.judging.drawings.sheet import (
     frame,
     title_block,
 )
+from cranedyn.lifts.judging.table import tonnes
 from cranedyn.lifts.planning.plan_details import PlanDetails
 from cranedyn.lifts.planning.rigging import sling_angle, sling_height
 from cranedyn.lifts.planning.site import Site
@@ -241,12 +242,11 @@ def _draw_load(
     centre = site.details.load.centre
     if centre is None:
         return
-    x = middle
     y = lower - height / 2.0 - centre[2] * per_metre
-    canvas.circle(x, y, 2.0, Stroke(INK, 0.4, fill="#ffffff"))
-    canvas.line(x - 3.5, y, x + 3.5, y)
-    canvas.line(x, y - 3.5, x, y + 3.5)
-    canvas.text(x + 4.0, y - 1.0, "centre of gravity", halo=True)
+    canvas.circle(middle, y, 2.0, Stroke(INK, 0.4, fill="#ffffff"))
+    canvas.line(middle - 3.5, y, middle + 3.5, y)
+    canvas.line(middle, y - 3.5, middle, y + 3.5)
+    canvas.text(middle + 4.0, y - 1.0, "centre of gravity", halo=True)
 
 
 def _metres(value: float | None) -> str:
@@ -256,7 +256,7 @@ def _metres(value: float | None) -> str:
 
 def _mass(value: float | None) -> str:
     """Return a working load limit in words."""
-    return NOT_ENTERED if value is None else f"{value / 1e3:.2f} t"
+    return NOT_ENTERED if value is None else tonnes(value)
 
 
 def _spreader_text(details: PlanDetails) -> str:
@@ -306,7 +306,7 @@ def _notes(site: Site) -> list[str]:
     notes = []
     mass = site.crane.get("payload_mass")
     notes.append(
-        f"Mass of all that hangs: {NOT_ENTERED if mass is None else f'{mass / 1e3:.2f} t'}"
+        f"Mass of all that hangs: {NOT_ENTERED if mass is None else tonnes(mass)}"
         f" (source: {load.source or NOT_ENTERED})."
     )
     centre = NOT_ENTERED

@@ -769,7 +769,7 @@ def _turned_into_plane(scene: LiftScene, solid: Solid) -> shapely.Geometry:
         # A level triangle of a roof is seen as a line, whatever the walls below it.
         high = max(high, low + _LEAST_THICKNESS)
         if largest - least > 1e-3:
-            boxes.append(shapely.box(least, low, largest, min(high, low + _UNBOUNDED_TOP)))
+            boxes.append(shapely.box(least, low, largest, high))
     return shapely.union_all(boxes)
 
 
