@@ -71,8 +71,9 @@ _WITH_TAIL = ("jib", "upper")
 """Parts of the cranes of this project that carry a counter-jib or a counterweight behind them."""
 
 _COARSE_ROWS = 4
-"""Of so many rows of a motion one is looked at first for the least distance of the structure, and
-then those beside the best."""
+"""For the least distance of the structure every fourth row of a motion is looked at first, and then
+the rows about the best of these. A dip of less than four rows may be missed in this table; what is
+required is proven between all rows, and no proof rests on it."""
 
 SUMMARY_TITLE = "In numbers"
 """Title of the table of the numbers that decide."""
@@ -270,7 +271,7 @@ def _rate_rows(lift: Lift) -> list[Row]:
 def _begins_and_ends(analysis: LiftAnalysis) -> str:
     """Return whether the load stands or hangs at the start and at the end."""
     site = analysis.site
-    # A plan without a certificate is not simulated from the ground or to it.
+    # Only tower cranes, and plans whose certificate holds, are simulated from the ground or to it.
     is_simulated = analysis.grounded is not None
     start = "hanging"
     if stands_at(site.start):
@@ -326,7 +327,9 @@ def _assumptions(analysis: LiftAnalysis) -> Table:
 
 
 def _gross(analysis: LiftAnalysis) -> str:
-    """Return the mass that hangs as the sum that it is."""
+    """Return the mass that hangs as the sum that it is. A site enters masses of the rigging as 0
+    where that of the load contains them.
+    """
     gross = hanging_mass(analysis.crane) / 1e3
     rigging = analysis.site.rigging
     if not rigging:
@@ -396,7 +399,9 @@ def _loads(analysis: LiftAnalysis) -> Table:
 
 
 def _clearances(analysis: LiftAnalysis) -> Table:
-    """Tabulate the least distance of all that hangs from each obstacle, the nearest first."""
+    """Tabulate the least distance of all that hangs from each obstacle, the nearest first, and then
+    that of each part of the crane above the rope.
+    """
     certificate = analysis.certificate
     zones = {solid.name for solid in analysis.site.solids if solid.zone}
     rows: list[Row] = []
@@ -542,8 +547,9 @@ def _wind(analysis: LiftAnalysis, limit: WindLimit) -> Table:
 
 
 def _lift_off_note(analysis: LiftAnalysis, limit: WindLimit) -> str:
-    """Return that lift-off uses more of the chart than a gust, in a sentence with a space before
-    it; empty where it does not.
+    """Return where the utilisation of the first page is from, in a sentence with a space before it;
+    empty where it is no more than that in the weakest gust. Lift-off pulls more than the weight, in
+    calm air, so that its utilisation is not among those of gusts.
     """
     if analysis.utilisation is None or analysis.grounded is None:
         return ""
@@ -559,8 +565,8 @@ def _lift_off_note(analysis: LiftAnalysis, limit: WindLimit) -> str:
 
 
 def _is_shown(speed: float, limit: WindLimit) -> bool:
-    """Return whether the table of winds has a row for a speed [m/s]: every fourth one, and those
-    about the limit.
+    """Return whether the table of winds has a row for a speed [m/s]: multiples of `_SHOWN_SPEEDS`,
+    to keep it short, and those about the limit, where it decides.
     """
     return speed % _SHOWN_SPEEDS == 0.0 or abs(speed - limit.limit()) <= 2.0
 

@@ -201,7 +201,7 @@ def _rigging(analysis: LiftAnalysis) -> FieldGroup:
         PlanField("Angle from the vertical", _degrees(slings.angle if leg is None else leg.angle)),
         *_sling_limits(slings),
         PlanField("Certificate", slings.certificate),
-        PlanField("Used of it", None if leg is None else f"{100.0 * leg.utilisation:.0f} %"),
+        PlanField("Used of the WLL", None if leg is None else f"{100.0 * leg.utilisation:.0f} %"),
         PlanField("Mass of the slings", _mass(masses, "slings")),
         PlanField("Mass of the hook block", _mass(masses, "hook")),
         PlanField(
@@ -249,6 +249,7 @@ def _sling_limits(slings: Slings) -> list[PlanField]:
         return [PlanField("WLL of one leg", None if of_leg is None else tonnes(of_leg))]
     shown = None if of_leg is None else f"{tonnes(of_leg)}, from that of the set"
     return [
+        # Tags of sets have a limit of their own beyond that, see `cranedyn.lifts.planning.rigging`.
         PlanField("WLL of the set, on its tag", f"{tonnes(slings.set_limit)} up to 45°"),
         PlanField("WLL of one leg", shown),
     ]
@@ -371,7 +372,7 @@ def _corner_fields(analysis: LiftAnalysis) -> list[PlanField]:
         return [PlanField("Force of each corner", None)]
     axes = "the crane" if base.turns_with_crane else "the site"
     fields = []
-    corners = (("+", "+"), ("−", "+"), ("−", "−"), ("+", "−"))
+    corners = (("+", "+"), ("−", "+"), ("−", "−"), ("+", "−"))  # as `forces_on_ground` has them
     for (x, y), force in zip(corners, forces, strict=True):
         label = f"Corner at {x}x, {y}y of {axes}, load as entered"
         fields.append(PlanField(label, f"{force.min() / 1e3:.0f} to {force.max() / 1e3:.0f} kN"))
@@ -399,9 +400,9 @@ def _people(analysis: LiftAnalysis, in_zone: Sequence[str]) -> FieldGroup:
 
 
 def _in_zone_fields(details: PlanDetails, in_zone: Sequence[str]) -> list[PlanField]:
-    """Return a field for each thing that stands in the exclusion zone: what is done about people
-    and services there. What has one sentence for many, such as the parts of a building, has one
-    field.
+    """Return what is done about people and services in each thing that stands in the exclusion
+    zone. Things with one sentence, such as the parts of a building, have one field. Those without
+    one have an empty field each, as many as whoever signs can answer by hand; the rest is counted.
     """
     done: dict[str, str] = {}
     missing = []
