@@ -40,6 +40,9 @@ from experiments.harness.document import naming_result
 BY_PINOCCHIO = ("a1", "a2", "a3", "energy", "gazebo", "mass_ratio", "validate")
 """Experiments that test Pinocchio's algorithms, and therefore run by them."""
 
+ONLY_PINOCCHIO = ("tandem",)
+"""Experiments whose steps nothing but Pinocchio computes, whatever `--engine` says."""
+
 LONGEST = (
     "lift",
     "compare",
@@ -325,8 +328,8 @@ def figure_address(folder: Path, name: str) -> str:
     return image_address(content, Path(name).suffix)
 
 
-def main(argv: Sequence[str] | None = None) -> int:
-    """Run what is missing, write the page; 0, or the first code of an experiment that is not 0."""
+def report_parser() -> Parser:
+    """Return the parser of the arguments of the report."""
     parser = Parser(
         prog="cranedyn report",
         description="All experiments on one page, report.html.",
@@ -346,6 +349,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     text = "what computes steps, default compiled code, for these Pinocchio: "
     text += ", ".join(BY_PINOCCHIO)
     parser.add_argument("--engine", choices=get_args(EngineName), help=text)
+    return parser
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run what is missing, write the page; 0, or the largest exit code of an experiment."""
+    parser = report_parser()
     return command(lambda: _main(parser.parse_args(argv)))
 
 
@@ -391,7 +400,7 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
     def run(number: int, name: str) -> int:
         print(f"Experiment {number} of {len(names)}: {name}", flush=True)
         process = subprocess.Popen(
-            [*COMMAND, name, *_arguments(name, options)],
+            [*COMMAND, name, *experiment_arguments(name, options)],
             text=True,
             errors="replace",
             stdout=subprocess.PIPE,
@@ -422,8 +431,13 @@ def _run(names: Sequence[str], options: argparse.Namespace) -> list[int]:
             raise
 
 
-def _arguments(name: str, options: argparse.Namespace) -> list[str]:
-    """Return the arguments of an experiment."""
+def experiment_arguments(name: str, options: argparse.Namespace) -> list[str]:
+    """Return the arguments with which the report runs an experiment.
+
+    Args:
+        name: Name of the experiment.
+        options: Arguments of the report itself, see `report_parser`.
+    """
     entry = EXPERIMENTS[name]
     engine = options.engine
     if engine is None:
@@ -431,7 +445,7 @@ def _arguments(name: str, options: argparse.Namespace) -> list[str]:
         engine = "pinocchio" if name in BY_PINOCCHIO or cannot_compile else "compiled"
     arguments = [*(entry.quick if options.quick else entry.arguments)]
     # Pinocchio is the default of most experiments, and no engine of the others.
-    if engine == "compiled":
+    if engine == "compiled" and name not in ONLY_PINOCCHIO:
         arguments += ["--engine", "compiled"]
     return [*arguments, f"--out={Path(options.out) / name}"]
 

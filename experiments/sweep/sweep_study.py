@@ -18,6 +18,7 @@ import numpy as np
 from cranedyn.analysis.swing import swing_amplitude
 from cranedyn.checks import whole
 from cranedyn.compiled.batch import Batch, simulate_batch
+from cranedyn.compiled.kernel import Precision
 from cranedyn.disturbances.wind import drag_force, gust_shape
 from cranedyn.dynamics.converters import Converters, converters
 from cranedyn.dynamics.equations_of_motion import payload_position
@@ -45,6 +46,9 @@ AFTER = 10.0
 
 WORLD_COLUMNS = ("gravity_m_s2", "dt_s", "control_period_s")
 """Columns of a design with gravity and clocks, which are the same in every case."""
+
+COMPARED_CASES = 8
+"""Number of cases of a batch in single precision that are computed in doubles, too."""
 
 
 SWEPT: dict[str, Planner] = {
@@ -81,13 +85,16 @@ def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
         cases: Columns of all cases: ``strategy``; ``duration_s``, the planned duration; ``load``,
             the mass of the payload over the planned one; ``cable_error_m``, the true less the
             measured cable length; and `WORLD_COLUMNS`. Also ``drive``, "ideal" or "velocity", by
-            default "ideal"; and of cases that are drawn the columns of `drawn`.
+            default "ideal"; ``precision``, "single" or by default "double", the same in all cases;
+            and of cases that are drawn the columns of `drawn`.
 
     Returns:
         Columns of all cases: largest swing, and amplitude of the swing 10 s after the arrival
         [rad]; distance of the payload from its goal then [m]; largest efforts over those of the
         drives; and the time at which the model ceased to hold or drives could not follow [s],
-        masked where that did not occur. Of cases that are drawn also the amplitude at the arrival
+        masked where that did not occur. In single precision also ``rounding_rad``, by how much the
+        swing that is left differs from that in doubles, masked where that was not computed, too
+        [rad]. Of cases that are drawn also the amplitude at the arrival
         [rad], whether a range was left or the rope went slack (1 or 0), and the processor time of
         the case [s]. Of a crane that diverged, what is not finite is masked.
     """
@@ -96,6 +103,9 @@ def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
     setup = Setup(gravity, dt=dt, control_period=control_period)
     count = len(cases["strategy"])
     drives = cases.get("drive", np.full(count, IDEAL))
+    precision: Precision = "double"
+    if "precision" in cases and cases["precision"][0] == "single":
+        precision = "single"
     # Cases with the same strategy, duration and drives have one plan, and run as a batch.
     kinds = list(
         zip(cases["strategy"].tolist(), cases["duration_s"].tolist(), drives.tolist(), strict=True)
@@ -107,7 +117,7 @@ def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
         plan, move = _planned(gravity, dt, control_period, *kind)
         for chunk in np.array_split(rows, batches):
             of_chunk = {name: column[chunk] for name, column in cases.items()}
-            for name, values in _batch_columns(setup, plan, move, of_chunk).items():
+            for name, values in _batch_columns(setup, plan, move, of_chunk, precision).items():
                 columns.setdefault(name, np.ma.masked_all(count))[chunk] = values
     return columns
 
@@ -124,7 +134,7 @@ def _planned(
 
 
 def _batch_columns(
-    setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases
+    setup: Setup, plan: MovePlan, move: RestToRest, cases: Cases, precision: Precision
 ) -> dict[str, np.ndarray]:
     """Simulate cases with one plan as a batch, and return their columns of results.
 
@@ -133,6 +143,7 @@ def _batch_columns(
         plan: How the move is made.
         move: The move.
         cases: Columns of these cases.
+        precision: Precision of the steps.
     """
     began = time.process_time()
     crane = setup.crane
@@ -150,28 +161,45 @@ def _batch_columns(
     # Drives that follow exactly need no sensors.
     if plan.drive == "motion":
         cases = {name: column for name, column in cases.items() if name not in SENSOR_COLUMNS}
-    batch = simulate_batch(
-        cranes,
-        plan.controller(),
-        plan.reference,
-        start=start,
-        duration=ends,
-        dt=setup.dt,
-        control_period=setup.control_period,
-        drive=plan.drive,
-        force=gusts(crane, cases, times) if is_drawn else None,
-        sensor_offset=readings(crane, cases, len(times)),
-        sensor_delay=cases["delay"].astype(int).tolist() if "delay" in cases else 0,
-        converters=lagging(crane, cases) if is_drawn and plan.drive == "velocity" else None,
-        record=stride if is_drawn else 0,
-        residual_from=ends,
-        threads=1,
-    )
+    force = gusts(crane, cases, times) if is_drawn else None
+    offset = readings(crane, cases, len(times))
+    delays = cases["delay"].astype(int) if "delay" in cases else None
+    lags = lagging(crane, cases) if is_drawn and plan.drive == "velocity" else None
+    numbers = np.arange(len(cranes))
+
+    def run(rows: slice | np.ndarray, precision: Precision) -> Batch:
+        """Make the moves of some of the cases."""
+        return simulate_batch(
+            [cranes[row] for row in numbers[rows]],
+            plan.controller(),
+            plan.reference,
+            start=State(start.q[rows], start.v[rows]),
+            duration=ends,
+            dt=setup.dt,
+            control_period=setup.control_period,
+            drive=plan.drive,
+            force=None if force is None else force[rows],
+            sensor_offset=offset[rows],
+            sensor_delay=0 if delays is None else delays[rows].tolist(),
+            converters=None if lags is None else [lags[row] for row in numbers[rows]],
+            record=stride if is_drawn else 0,
+            residual_from=ends,
+            threads=1,
+            precision=precision,
+        )
+
+    batch = run(slice(None), precision)
     columns = {
         "peak_swing_rad": batch.peak_swing,
         "residual_swing_rad": batch.residual_swing,
         "off_goal_m": _distances_from_goals(cranes, batch.end.q, goal.q),
     }
+    if precision == "single":
+        compared = np.unique(np.linspace(0, len(cranes) - 1, COMPARED_CASES).astype(int))
+        exact = run(compared, "double").residual_swing
+        rounding = np.ma.masked_all(len(cranes))
+        rounding[compared] = np.abs(batch.residual_swing[compared] - exact)
+        columns["rounding_rad"] = rounding
     shares = batch.largest_effort / crane.effort_limit
     for i, drive in enumerate(DRIVES):
         columns[f"{drive}_effort_share"] = shares[:, i]

@@ -43,6 +43,10 @@ def test_an_experiment_takes_the_arguments_of_its_entry(
     main = importlib.import_module(f"experiments.{name}").main
     for words in (EXPERIMENTS[name].arguments, EXPERIMENTS[name].quick):
         assert main([*words, "--out", str(tmp_path / "out")]) == INTERRUPTED
+    for engine in ("", "--engine=pinocchio", "--engine=compiled"):
+        given = [word for word in ("--out", str(tmp_path), engine) if word]
+        options = report.report_parser().parse_args(given)
+        assert main(report.experiment_arguments(name, options)) == INTERRUPTED
 
 
 UNFOLD = "document.querySelectorAll('details').forEach(folded => folded.open = true)"

@@ -79,6 +79,27 @@ def _gust(crane: Crane, case: dict[str, Any]) -> Callable[[float, State], np.nda
 
 
 @pytest.mark.slow
+@pytest.mark.parametrize("strategy", [PD, "spline alone", FLAT])
+def test_a_case_in_single_precision_says_what_was_rounded(strategy: str) -> None:
+    columns = on_grid(
+        strategy=strategy,
+        duration_s=COMBINED.duration,
+        load=np.linspace(0.5, 1.5, 10).tolist(),
+        cable_error_m=[-0.5],
+    )
+    exact = simulate_cases(columns)
+    assert "rounding_rad" not in exact
+    single = np.full(len(columns["load"]), "single")
+    found = simulate_cases(columns | {"precision": single})
+    rounding = np.ma.filled(found["rounding_rad"], np.nan)
+    compared = ~np.isnan(rounding)
+    assert compared.sum() == sweep_study.COMPARED_CASES and compared[[0, -1]].all()
+    off = np.abs(found["residual_swing_rad"] - exact["residual_swing_rad"])
+    assert np.array_equal(rounding[compared], off[compared])
+    assert 0.0 < off.min() and off.max() < 3e-6
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("strategy", "drive", "columns"),
     [

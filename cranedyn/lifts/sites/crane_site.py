@@ -371,6 +371,31 @@ class CraneSite:
         runways = [self.stations[i].runway or self.stations[i].name for i in (a, b)]
         return a != b and runways[0] == runways[1]
 
+    @cached_property
+    def _on_runway(self) -> np.ndarray:
+        """Whether two cranes travel on one runway, see `share_runway`, shape (cranes, cranes)."""
+        cranes = range(len(self.stations))
+        return np.array([[self.share_runway(a, b) for b in cranes] for a in cranes])
+
+    @cached_property
+    def _most_drives(self) -> int:
+        """Number of the drives of the crane that has most."""
+        return max(station.crane.layout.m for station in self.stations)
+
+    @cached_property
+    def _drive_columns(self) -> np.ndarray:
+        """Indices that bring the drives of each crane into the columns of `bodies`, as `positions`
+        does, shape (cranes, 1, k + 1). Index `_most_drives` stands for a joint that a crane does
+        not have, whose value is zero.
+        """
+        joints = self.bodies.axis.shape[1]
+        chains = np.full((len(self.stations), 1, joints + 1), self._most_drives)
+        for chain, station in zip(chains[:, 0], self.stations, strict=True):
+            columns = station.bodies.columns
+            chain[: len(columns) - 1] = columns[:-1]
+            chain[-1] = columns[-1]
+        return chains
+
     def compared_capsules(self, crane: int, other: int) -> np.ndarray:
         """Return the indices of the capsules of a crane that are compared with those of another:
         all, or those that move where both travel on one runway.
@@ -422,11 +447,14 @@ class CraneSite:
         to_prove = np.broadcast_to(doubtful, (*shape, cranes)).reshape(-1, cranes).copy()
         to_prove[:, station] &= len(self.solids) > 0
 
-        # Boxes of all cranes that a proof reads, in the columns of `bodies`.
-        ends = np.zeros((*shape, cranes, 2, self.bodies.axis.shape[1] + 1))
+        # Boxes of all cranes that a proof reads, in the columns of `bodies`: all at once, which
+        # takes a fifth of the time of one after the other.
+        drives = np.zeros((*shape, cranes, 2, self._most_drives + 1))
         for i in {station, *np.flatnonzero(to_prove.any(axis=0)).tolist()}:
-            ends[..., i, :, :] = self.positions(i, box if i == station else boxes[i])
-        rows = ends.reshape(-1, *ends.shape[-3:])
+            box_of_crane = box if i == station else boxes[i]
+            drives[..., i, :, : box_of_crane.shape[-1]] = box_of_crane
+        rows = drives.reshape(-1, *drives.shape[-3:])
+        rows = np.take_along_axis(rows, self._drive_columns[None], axis=-1)
 
         proven = ~to_prove
         for row in np.flatnonzero(to_prove[:, station]):
@@ -434,10 +462,10 @@ class CraneSite:
                 self.bodies, station, rows[row, station], self.distance, self.swing
             )
         to_prove[:, station] = False
-        on_runway = [self.share_runway(station, other) for other in range(cranes)]
+        on_runway = self._on_runway[station]
         for bodies, is_compared in (
-            (self.bodies, ~np.array(on_runway)),
-            (self.moving_bodies, np.array(on_runway)),
+            (self.bodies, ~on_runway),
+            (self.moving_bodies, on_runway),
         ):
             pair_row, other = np.nonzero(to_prove & is_compared)
             if len(pair_row):

@@ -412,6 +412,26 @@ def test_boxes_of_cranes_a_centimetre_beyond_the_required_distance_are_proven() 
 
 
 @slow
+@pytest.mark.parametrize("name", [*EXAMPLES, "two_bridges"])
+def test_a_crane_is_apart_from_all_others_at_once_as_from_each_alone(name: str) -> None:
+    site = site_of(name)
+    rng = np.random.default_rng(4)
+    answers = []
+    for _ in range(100):
+        boxes = []
+        for station in site.stations:
+            low = draw(station, rng)
+            boxes.append(np.array([low, low + rng.uniform(0.0, 0.3, low.shape)])[None])
+        # Of a pair the first crane is the first of the proof in both.
+        together = site.apart(0, boxes[0], boxes)[0, 1:]
+        others = range(1, len(boxes))
+        alone = [site.pair_apart(0, boxes[0], other, boxes[other])[0] for other in others]
+        assert together.tolist() == alone
+        answers += alone
+    assert {*answers} == {True, False}
+
+
+@slow
 def test_a_guard_counts_that_a_plumb_rope_swings_to_twice_what_turning_inclines_it_by() -> None:
     station = site_of().stations[0]
     swing = 0.08
