@@ -70,11 +70,6 @@ _OF_COMMAND = (_LOADS_TITLE, _CLEARANCES_TITLE, _GUSTS_TITLE, _PERTURBED_TITLE)
 _WITH_TAIL = ("jib", "upper")
 """Parts of the cranes of this project that carry a counter-jib or a counterweight behind them."""
 
-_COARSE_ROWS = 4
-"""For the least distance of the structure every fourth row of a motion is looked at first, and then
-the rows about the best of these. A dip of less than four rows may be missed in this table; what is
-required is proven between all rows, and no proof rests on it."""
-
 SUMMARY_TITLE = "In numbers"
 """Title of the table of the numbers that decide."""
 
@@ -434,17 +429,11 @@ def _structure_rows(analysis: LiftAnalysis) -> list[Row]:
     certificate = analysis.certificate
     clearance = certificate.lift.clearance
     q = certificate.run.q
-    zones = {solid.name for solid in analysis.site.solids if solid.zone}
-    coarse = [clearance.least_of_structure(row) for row in q[::_COARSE_ROWS]]
     rows: list[Row] = []
-    for part in coarse[0]:
-        middle = _COARSE_ROWS * int(np.argmin([least[part] for least in coarse]))
-        about = range(max(middle - _COARSE_ROWS, 0), min(middle + _COARSE_ROWS + 1, len(q)))
-        k = min(about, key=lambda i: clearance.least_of_structure(q[i])[part])
-        nearest = clearance.nearest_to_structure(q[k])[part]
+    for part, (k, nearest) in clearance.nearest_of_structure(q).items():
         named = f"{part}, with its tail" if part in _WITH_TAIL else part
         name = f"{named}: from {nearest.obstacle}"
-        required = "kept out of" if nearest.obstacle in zones else f"{analysis.site.distance:g}"
+        required = f"{analysis.site.distance:g}"
         rows.append([name, nearest.distance, float(certificate.run.t[k]), required])
     return sorted(rows, key=lambda row: float(row[1] or 0.0))
 

@@ -36,6 +36,7 @@ from cranedyn.lifts.planning.clearance import (
     ROUNDING,
     Clearance,
     ComparedBody,
+    MovingBody,
     OutOfReach,
     point_text,
 )
@@ -80,20 +81,6 @@ more of the rope moves near the links, see `ChainClearance.displacements`."""
 _MAX_LEAN = math.radians(20.0)
 """Lean of a rope up to which its lower part is known to be below the links of the crane: four times
 the swing that a lift is usually allowed."""
-
-
-class _MovingBody(NamedTuple):
-    """A shape of a link that drives move.
-
-    Attributes:
-        link: Name of the link.
-        joint: Index of the joint that carries it among the coordinates.
-        body: The shape, inflated by the required distance.
-    """
-
-    link: str
-    joint: int
-    body: Body
 
 
 class _Ball(NamedTuple):
@@ -486,6 +473,12 @@ class ChainClearance(Clearance):
         structure = self._structure_bound(steps.lines, steps.change)
         return self._displacement(steps, structure).reshape(shape[:-1])
 
+    def structure_displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """See `Clearance`."""
+        shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
+        steps = self._steps(q, q_end)
+        return self._structure_bound(steps.lines, steps.change).reshape(shape[:-1])
+
     def _steps(self, q: np.ndarray, q_end: np.ndarray) -> _Steps:
         """Return the steps between coordinates, shape (..., n) each."""
         shape = np.broadcast_shapes(np.shape(q), np.shape(q_end))
@@ -790,14 +783,30 @@ class ChainClearance(Clearance):
         return self._hanging_bodies(Field([*self._solid_shapes, *standing]))
 
     @cached_property
-    def _moving(self) -> list[_MovingBody]:
-        """All shapes of the links that drives move, inflated by the required distance."""
+    def _moving(self) -> list[MovingBody]:
+        """All shapes of the links that drives move, inflated by the required distance, beside the
+        solids.
+        """
         moving = []
         for joint, link in self.bodies.links.items():
             for shape in link.shapes:
                 body = _body_of_shape(shape, self.site.distance)
-                moving.append(_MovingBody(link.name, joint, body))
+                moving.append(MovingBody(link.name, joint, body, self._solids))
         return moving
+
+    @cached_property
+    def _moving_over_ground(self) -> list[MovingBody]:
+        """The shapes of the links that drives move up and down, beside the ground."""
+        moving = []
+        for body in self._moving:
+            if body.joint in self._tipped_links:
+                moving.append(body._replace(field=self._ground))
+        return moving
+
+    @property
+    def _structure(self) -> list[MovingBody]:
+        """See `Clearance`."""
+        return [*self._moving, *self._moving_over_ground]
 
     @cached_property
     def _own_links(self) -> list[_OwnLink]:
@@ -875,8 +884,8 @@ class ChainClearance(Clearance):
                 yield name, field, placed
         if not len(self._solids):
             return
-        for link, joint, body in self._moving:
-            yield link, self._solids, body.put(posture.frames[joint])
+        for link, joint, body, solids in self._moving:
+            yield link, solids, body.put(posture.frames[joint])
 
     def _beside_own_links(self, posture: _Posture) -> Iterator[tuple[str, Field, Placed]]:
         """Yield what keeps its distance from links of the crane, as `_placed_near_own`."""
@@ -884,9 +893,8 @@ class ChainClearance(Clearance):
             relative = posture.frames[own.joint].inverse() * posture.load
             for name in own.bodies:
                 yield name, own.field, self._load_and_hook[name].put(relative)
-        for link, joint, body in self._moving:
-            if joint in self._tipped_links:
-                yield link, self._ground, body.put(posture.frames[joint])
+        for link, joint, body, ground in self._moving_over_ground:
+            yield link, ground, body.put(posture.frames[joint])
 
     def _touching(self, posture: _Posture) -> Iterator[tuple[str, Field, Placed]]:
         """Yield what must not touch, and of which no distance is required, with what it must not

@@ -31,7 +31,7 @@ import pinocchio as pin
 from cranedyn.errors import CraneError, OutOfRange
 from cranedyn.lifts.planning.crane_bodies import CraneParts, HangingBodies
 from cranedyn.lifts.planning.fields import Body, Field, Placed
-from cranedyn.lifts.planning.site import GROUND, HANGING, Site
+from cranedyn.lifts.planning.site import GROUND, Site
 from cranedyn.lifts.planning.solids import Solid, hull
 from cranedyn.model.crane import Crane
 
@@ -97,6 +97,34 @@ class Nearest(NamedTuple):
     def is_own(self) -> bool:
         """Whether the obstacle is a part of the crane itself."""
         return self.obstacle.startswith("own ")
+
+
+class Approach(NamedTuple):
+    """Where a part of the crane is nearest to an obstacle along a motion.
+
+    Attributes:
+        row: The row of the motion.
+        nearest: The obstacle, and the distance there.
+    """
+
+    row: int
+    nearest: Nearest
+
+
+class MovingBody(NamedTuple):
+    """A shape of a part of the crane that drives move above the rope.
+
+    Attributes:
+        part: Name of the part, such as the link, or "jib" for all that slews with it.
+        joint: Index of the joint that carries it among the coordinates.
+        body: The shape, inflated by the required distance.
+        field: The obstacles that it is compared with.
+    """
+
+    part: str
+    joint: int
+    body: Body
+    field: Field
 
 
 class NearestPoints(NamedTuple):
@@ -480,35 +508,47 @@ class Clearance(ABC):
                 compare("jib", field, moving)
         return nearest
 
-    def least_of_structure(self, q: np.ndarray) -> dict[str, float]:
-        """Return the least distance of each part of the crane that drives move above the rope, such
-        as boom and superstructure with its tail, from what stands [m], by name of the part, at
-        coordinates of all joints, shape (n,); empty if there is nothing to compare with.
+    def nearest_of_structure(self, q: np.ndarray) -> dict[str, Approach]:
+        """Return where each part of the crane that drives move above the rope, such as boom and
+        superstructure with its tail, is nearest to what stands along a motion, by name of the part.
+
+        All rows count, and few are looked at: until the structure has moved by the distance that a
+        body has beyond the least of its part so far, the body cannot come nearer than that.
+
+        Args:
+            q: Coordinates of all joints, shape (rows, n).
         """
+        moved = self.structure_displacement(q[:-1], q[1:])
+        travelled = np.concatenate([[0.0], np.cumsum(moved)])
         least: dict[str, float] = {}
-        for body, field, moving in self._placed_structure(q):
-            if len(field):
-                distance = field.least(moving) + moving.inflated
-                least[body] = min(least.get(body, distance), distance)
-        return least
+        found: dict[str, tuple[int, MovingBody]] = {}
+        for moving in self._structure:
+            if not len(moving.field):
+                continue
+            row = 0
+            while row < len(q):
+                placed = self._put(moving, q[row])
+                distance = moving.field.least(placed) + placed.inflated
+                if distance < least.get(moving.part, math.inf):
+                    least[moving.part] = distance
+                    found[moving.part] = row, moving
+                beyond = distance - least[moving.part]
+                reached = np.searchsorted(travelled, travelled[row] + beyond, side="right")
+                row = max(row + 1, int(reached))
 
-    def nearest_to_structure(self, q: np.ndarray) -> dict[str, Nearest]:
-        """Return the nearest obstacle to each part of `least_of_structure`, by name of the part."""
-        nearest: dict[str, Nearest] = {}
-        for body, field, moving in self._placed_structure(q):
-            for name, distance in field.distances(moving).items():
-                pair = Nearest(distance + moving.inflated, body, name)
-                nearest[body] = min(nearest.get(body, pair), pair)
-        return nearest
+        approaches = {}
+        for part, (row, moving) in found.items():
+            placed = self._put(moving, q[row])
+            distances = moving.field.distances(placed)
+            name = min(distances, key=distances.__getitem__)
+            nearest = Nearest(distances[name] + placed.inflated, part, name)
+            approaches[part] = Approach(row, nearest)
+        return approaches
 
-    def _placed_structure(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
-        """Yield the parts of the crane that drives move above the rope, as `_placed`."""
-        # A body stays at its place only until the next one is asked for.
-        for body, field, moving in itertools.chain(self._placed(q), self._placed_near_own(q)):
-            if body not in HANGING:
-                yield body, field, moving
-        for field, moving in self._placed_jib(q):
-            yield "jib", field, moving
+    def _put(self, moving: MovingBody, q: np.ndarray) -> Placed:
+        """Return a body at its place at coordinates of all joints, shape (n,)."""
+        (frame,) = self._frames(q, moving.joint)
+        return moving.body.put(frame)
 
     def nearest(self, q: np.ndarray, *, count_zones: bool = False) -> Nearest:
         """Return the pair of body and obstacle with the least margin at coordinates of all joints,
@@ -582,6 +622,19 @@ class Clearance(ABC):
     def _placed_near_own(self, q: np.ndarray) -> Iterator[tuple[str, Field, Placed]]:
         """Yield the same for parts of the crane itself that move: each body is placed in the frame
         in which these are at rest.
+        """
+
+    @property
+    @abstractmethod
+    def _structure(self) -> Iterable[MovingBody]:
+        """All shapes of the parts of the crane that drives move above the rope; a shape that is
+        compared with several fields is there for each of them.
+        """
+
+    @abstractmethod
+    def structure_displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """Return an upper bound of the displacement of any point of the parts of the crane that
+        drives move above the rope between coordinates, shape (..., n) each; in [m], shape (...).
         """
 
     def _placed_jib(self, q: np.ndarray) -> Iterator[tuple[Field, Placed]]:

@@ -28,6 +28,7 @@ from cranedyn.lifts.planning.clearance import (
     ROUNDING,
     Clearance,
     ComparedBody,
+    MovingBody,
     OutOfReach,
     keeping,
     point_text,
@@ -301,6 +302,14 @@ class TowerClearance(Clearance):
         driven = np.sqrt(across**2 + hoisted**2 + 2.0 * aside * across * hoisted)
         return driven + length * self.tilt(change)
 
+    def structure_displacement(self, q: np.ndarray, q_end: np.ndarray) -> np.ndarray:
+        """See `Clearance`. The slew turns all of it, and the trolley rolls."""
+        change = np.abs(q_end - q)
+        trolley = np.maximum(np.abs(q), np.abs(q_end))[..., self.joints.trolley]
+        farthest = trolley + self._trolley_body.radius
+        radius = np.maximum(farthest, self.slewing_radius)
+        return radius * change[..., self.joints.slew] + change[..., self.joints.trolley]
+
     # --- what slews with the jib ------------------------------------------------------------------
 
     def slewing_margin(self, gamma: float) -> float:
@@ -388,11 +397,23 @@ class TowerClearance(Clearance):
     @cached_property
     def _hanging(self) -> list[ComparedBody]:
         """The trolley and what hangs, with what they keep from."""
+        trolley = ComparedBody("trolley", self._trolley_body, [self._fields.tall_solids])
+        return [*keeping([trolley]), *self._hanging_bodies(self._fields.solids_and_mast)]
+
+    @cached_property
+    def _trolley_body(self) -> Body:
+        """The trolley, inflated by the required distance."""
         shape = coal.Box(self.bodies.trolley.size)
         place = coal.Transform3s(np.eye(3), self.bodies.trolley.centre)
-        body = Body(shape, self.site.distance, place)
-        trolley = ComparedBody("trolley", body, [self._fields.tall_solids])
-        return [*keeping([trolley]), *self._hanging_bodies(self._fields.solids_and_mast)]
+        return Body(shape, self.site.distance, place)
+
+    @property
+    def _structure(self) -> Iterator[MovingBody]:
+        """See `Clearance`."""
+        trolley = self.joints.trolley
+        yield MovingBody("trolley", trolley, self._trolley_body, self._fields.tall_solids)
+        for body in self._slewing_bodies:
+            yield MovingBody("jib", self.joints.slew, body, self._fields.solids)
 
     @cached_property
     def _slewing_bodies(self) -> list[Body]:

@@ -520,7 +520,7 @@ def test_parts_that_move_above_the_rope_have_their_least_distance() -> None:
     assert "jib, with its tail: from wall" in named, named
     clearance_of_lift = bare().certificate.lift.clearance
     expected = min(
-        clearance_of_lift.nearest_to_structure(q)["jib"].distance
+        clearance_of_lift.nearest_of_structure(q[None])["jib"].nearest.distance
         for q in bare().certificate.run.q[::10]
     )
     assert named["jib, with its tail: from wall"] == pytest.approx(expected, abs=0.01)
@@ -532,10 +532,7 @@ def test_parts_that_move_above_the_rope_have_their_least_distance() -> None:
 def test_a_site_without_obstacles_has_no_distances_of_the_structure() -> None:
     clearance_of_lift = clearance()
     q = clearance_of_lift.q(np.array([0.0, 8.0, 5.0]))
-    assert "jib" not in clearance_of_lift.least_of_structure(q)
-    assert clearance_of_lift.least_of_structure(q).keys() == (
-        clearance_of_lift.nearest_to_structure(q).keys()
-    )
+    assert clearance_of_lift.nearest_of_structure(q[None]) == {}
 
 
 def test_a_jib_that_is_longer_than_that_of_the_model_is_not_judged() -> None:

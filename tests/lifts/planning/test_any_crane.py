@@ -166,6 +166,51 @@ def test_no_point_moves_farther_than_the_bound_of_a_displacement(kind: str) -> N
     assert (ways / np.maximum(bound, 1e-9)).max() > 0.5  # the bound is of use
 
 
+@pytest.mark.parametrize("kind", KINDS[:4])
+def test_no_point_of_the_structure_moves_farther_than_its_bound(kind: str) -> None:
+    asked = clearance(kind)
+    rng = np.random.default_rng(8)
+    n = asked.crane.layout.n
+    q = asked.q(random_places(asked, 200))
+    step = rng.normal(size=(200, n)) * rng.choice([0.0, 0.01, 0.2], size=(200, n))
+    links = [link.name for link in asked.bodies.links.values()]
+    ways = []
+    for row, row_end in zip(q, q + step, strict=True):
+        first = body_points(asked, row)
+        last = body_points(asked, row_end)
+        ways.append(max(np.linalg.norm(last[name] - first[name], axis=1).max() for name in links))
+    bound = asked.structure_displacement(q, q + step)
+    assert (np.array(ways) <= bound + 1e-12).all()
+    assert (np.array(ways) / np.maximum(bound, 1e-9)).max() > 0.5  # the bound is of use
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", KINDS)
+def test_the_structure_is_nearest_along_a_motion_where_it_is_by_all_its_rows(kind: str) -> None:
+    houses = (
+        box("house", (6.0, 9.0), (2.0, 3.0, 9.0), 0.0),
+        box("hut", (-12.0, -9.0), (3.0, 2.0, 4.0), 0.0),
+    )
+    asked = clearance_of(crane(kind), Site("test", houses, load=LOAD))
+    drives = asked.drive_joints
+    lower = np.maximum(asked.crane.lower[drives], -3.0)
+    upper = np.minimum(asked.crane.upper[drives], 30.0)
+    places = np.random.default_rng(5).uniform(lower, upper, (6, 3))
+    # It goes from place to place, and rests for a while at each.
+    times = np.repeat(np.arange(6.0), 2) + np.tile([0.0, 0.3], 6)
+    rows = np.linspace(0.0, 5.3, 400)
+    motion = np.column_stack([np.interp(rows, times, np.repeat(x, 2)) for x in places.T])
+    q = asked.q(motion)
+
+    found = asked.nearest_of_structure(q)
+    alone = [asked.nearest_of_structure(row[None]) for row in q]
+    assert found and all(one.keys() == found.keys() for one in alone)
+    for part, (row, nearest) in found.items():
+        distances = [one[part].nearest.distance for one in alone]
+        assert nearest == alone[row][part].nearest
+        assert nearest.distance == pytest.approx(min(distances), abs=1e-5)  # that of coal
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", KINDS[:4])
 def test_no_margin_of_a_group_of_bodies_changes_by_more_than_its_bound(kind: str) -> None:
