@@ -9,8 +9,7 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
-from scipy.stats import t as student
+from scipy.special import chdtrc, stdtrit
 
 from cranedyn.errors import DataError, UnknownName
 from cranedyn.identification.least_squares import (
@@ -132,7 +131,7 @@ class Estimate:
     def quantile(self) -> float:
         """Half width of an interval over the standard error: the quantile of Student's t."""
         rows = sum(residual.size for residual in self.residuals)
-        return float(student.ppf(0.5 + CONFIDENCE / 2.0, max(rows - len(self.values), 1)))
+        return float(stdtrit(max(rows - len(self.values), 1), 0.5 + CONFIDENCE / 2.0))
 
     @cached_property
     def intervals(self) -> dict[str, Interval]:
@@ -351,7 +350,7 @@ def is_white(residual: np.ndarray) -> bool:
     lags = np.arange(1, _WHITENESS_LAGS + 1)
     rho = np.array([deviation[k:] @ deviation[:-k] for k in lags.tolist()]) / power
     statistic = n * (n + 2) * float(np.sum(rho**2 / (n - lags)))
-    return bool(chi2.sf(statistic, _WHITENESS_LAGS) > WHITENESS_LEVEL)
+    return bool(chdtrc(_WHITENESS_LAGS, statistic) > WHITENESS_LEVEL)
 
 
 def _covariance(

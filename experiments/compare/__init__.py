@@ -16,7 +16,7 @@ from cranedyn.errors import CraneError
 from cranedyn.interop.controller_file import FORMS, controllers_by_name
 from cranedyn.sweep.workers import ignore_sigint
 from experiments import harness
-from experiments.compare import claims, figures, tables
+from experiments.compare import claims, tables
 from experiments.compare.runs import Results, TourResult, strategy_results, tour_results
 from experiments.harness import Outcome, ProgressReporter, Setup
 from experiments.harness.processes import processes
@@ -42,6 +42,9 @@ def experiment(options: argparse.Namespace, setup: Setup) -> Outcome:
     from cranedyn.recording import Run
 
     drive = options.drive
+    # Workers import this module, too. They draw nothing, and do not wait for Matplotlib.
+    from experiments.compare import figures
+
     is_ideal = drive == IDEAL
     moves = [*MOVES, SWINGING]
     of_move, tours = _compute(options, setup, moves)

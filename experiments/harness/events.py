@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from cranedyn.dynamics.validity import events
-from cranedyn.plotting.figures import panels
 from experiments.harness.outcome import Outcome
 from experiments.harness.table import ResultTable
 
@@ -57,6 +56,9 @@ def with_events(outcome: Outcome) -> Outcome:
 
 def _figure(runs: Sequence[Run]) -> Figure:
     """Draw a line for each run, with a bar wherever the model does not hold."""
+    # Workers, which draw nothing, do not wait for this import.
+    from cranedyn.plotting.figures import panels
+
     figure, (ax,) = panels(height=0.8 + 0.4 * len(runs))
     for i, run in enumerate(runs):
         t = run.trajectory.t

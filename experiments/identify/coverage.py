@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.interpolate import CubicSpline
-from scipy.stats import binom
 
 from cranedyn.checks import number, whole
 from cranedyn.errors import DataError
@@ -281,6 +280,9 @@ def covered(options: argparse.Namespace, setup: Setup) -> Outcome:
         margin = data[f"{name}_margin"]
         hits = int((np.abs(error) <= margin).sum())
         rows.append((name, hits, 100.0 * hits / count, float(margin.mean()), float(error.std())))
+
+    # Workers, which judge nothing, do not wait for this import.
+    from scipy.stats import binom
 
     # The count of intervals that hold is binomial with a probability of 95 %.
     low = int(binom.ppf(TAIL_PROBABILITY, count, 0.95))

@@ -4,19 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from matplotlib.colors import LogNorm
-from matplotlib.figure import Figure
-from scipy.stats import binned_statistic_2d, binomtest
 
-from cranedyn.plotting.figures import legend_above, panels
 from experiments.harness import Claim, ResultTable, make_table
 from experiments.harness.table import Cell
 from experiments.scenarios.moves import COMBINED, DRAG, IDEAL
 from experiments.scenarios.strategies import FLAT, PAPER, PD, strategy_colour
 from experiments.sweep.sweep_study import AFTER, RANGES, UNBATCHED
+
+# Workers import this module, too. They tabulate and draw nothing, and do not wait for SciPy's
+# statistics and Matplotlib, which functions below import.
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 LOADS = (0.5, 1.5)
 """Range of the grid: mass of the payload over the planned one."""
@@ -186,6 +187,8 @@ def _swings(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
 
 
 def _failures(strategies: Mapping[str, Columns], drives: str) -> ResultTable:
+    from scipy.stats import binomtest
+
     rows: list[list[Cell]] = []
     for strategy, cases in strategies.items():
         failed = failures(cases)
@@ -257,6 +260,8 @@ def drawn_figure(columns: Columns) -> Figure:
 
     A cell without cases, or in which most diverge, stays empty.
     """
+    from scipy.stats import binned_statistic_2d
+
     maps: dict[str, SwingMap] = {}
     for strategy, cases in by_strategy(columns).items():
         residual = 1e3 * cases["residual_swing_rad"]
@@ -278,6 +283,10 @@ def drawn_figure(columns: Columns) -> Figure:
 
 def _maps(maps: Mapping[str, SwingMap], label: str) -> Figure:
     """Draw the map of each strategy, four in a row, all with one scale."""
+    from matplotlib.colors import LogNorm
+
+    from cranedyn.plotting.figures import panels
+
     swings = np.concatenate([drawn.swing[np.isfinite(drawn.swing)] for drawn in maps.values()])
     norm = LogNorm(swings.min(), swings.max()) if len(swings) else LogNorm(1.0, 10.0)
     figure, axes = panels(
@@ -300,6 +309,8 @@ def _maps(maps: Mapping[str, SwingMap], label: str) -> Figure:
 
 def timing_figure(columns: Columns) -> Figure:
     """Plot the residual swing of each strategy over the time for the move: median and range."""
+    from cranedyn.plotting.figures import legend_above, panels
+
     figure, (ax,) = panels(height=4.6)
     durations = np.unique(columns["duration_s"])
     for k, (strategy, cases) in enumerate(by_strategy(columns).items()):

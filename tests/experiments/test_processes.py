@@ -1,4 +1,6 @@
-"""Worker processes of an experiment that are ended from outside."""
+"""Worker processes of an experiment: what they import, and what comes of one that is ended from
+outside.
+"""
 
 from __future__ import annotations
 
@@ -39,3 +41,14 @@ def test_a_process_that_is_killed_ends_the_experiment_at_once_with_a_sentence(wh
         "error: A process of the experiment was ended from outside; what it had done is lost.\n"
     )
     assert run.returncode == 2
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("module", ["experiments.compare.runs", "experiments.sweep.sweep_study"])
+def test_what_workers_compute_with_imports_nothing_that_draws_or_tabulates(module: str) -> None:
+    program = (
+        f"import sys; import {module}; "
+        "print([name for name in ('matplotlib', 'rerun', 'scipy.stats') if name in sys.modules])"
+    )
+    run = python(program)
+    assert (run.stdout, run.stderr) == ("[]\n", "")
