@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NoReturn
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import Converters
@@ -164,10 +165,12 @@ def simulate(
         # commands too few drives. Its own message says that better than "at t = 0".
         raise early_end.error
 
-    trajectory = log.trajectory(parameters, with_notes(record, controller))
-    if early_end is not None:
-        _raise_early_end(early_end, trajectory)
-    return trajectory
+    notes = with_notes(record, controller)
+    if early_end is None:
+        return log.trajectory(parameters, notes)
+    # A second Ctrl-C must not lose what the first one is to leave.
+    with defer_sigint():
+        _raise_early_end(early_end, log.trajectory(parameters, notes))
 
 
 def _raise_early_end(early_end: EarlyEnd, trajectory: Trajectory) -> NoReturn:

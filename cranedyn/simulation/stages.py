@@ -28,6 +28,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from cranedyn.command import defer_sigint
 from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.equations_of_motion import energy
@@ -145,9 +146,11 @@ def simulate_stages(
                 **options,
             )
         except RunError as error:
-            if error.trajectory is not None:
-                error.trajectory = join_stages([*pieces, error.trajectory], changes)
-            raise
+            # A second Ctrl-C must not lose what the first one is to leave.
+            with defer_sigint():
+                if error.trajectory is not None:
+                    error.trajectory = join_stages([*pieces, error.trajectory], changes)
+                raise
         pieces.append(until_end(piece, stage, i))
         t = float(pieces[-1].t[-1])
     return StagedRun(join_stages(pieces, changes), tuple(pieces), tuple(changes))

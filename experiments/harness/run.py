@@ -20,6 +20,7 @@ from cranedyn.command import (
     INTERRUPTED,
     command,
     command_line,
+    defer_sigint,
     interrupted,
     next_lines,
     open_line,
@@ -314,9 +315,11 @@ def _store_partial_run(error: RunError, folder: Path) -> int:
     """Write what a run that broke off had recorded, and return the exit code."""
     print(f"error: {error}", file=sys.stderr)
     if error.trajectory is not None and len(error.trajectory) > 0:
-        try:
-            file = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
-            print(f"What was recorded up to then is in {file}.", file=sys.stderr)
-        except CraneError as write_error:
-            print(f"What was recorded up to then is lost: {write_error}", file=sys.stderr)
+        # A second Ctrl-C must not lose what the first one is to leave.
+        with defer_sigint():
+            try:
+                file = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
+                print(f"What was recorded up to then is in {file}.", file=sys.stderr)
+            except CraneError as write_error:
+                print(f"What was recorded up to then is lost: {write_error}", file=sys.stderr)
     return INTERRUPTED if interrupted(error) else FAILED

@@ -85,7 +85,9 @@ def test_a_reader_that_stops_reading_costs_no_files(tmp_path: Path) -> None:
 
 _SIGNALLED = f"""{_TRIAL}
 import time
+from cranedyn.data.trajectory import Trajectory
 from cranedyn.plotting import figures
+from cranedyn.simulation.log import Log
 
 where, number = sys.argv[2], signal.Signals[sys.argv[3]]
 
@@ -99,17 +101,33 @@ def long_experiment(options, world):
     signal.setitimer(signal.ITIMER_VIRTUAL, 0.3)
     simulate(world.crane, hold_controller(world.crane), duration=1e3)
 
-if where == "run":
-    experiment = long_experiment
-else:
+def once_more(function):
+    def interrupted(*words, **named):
+        os.kill(os.getpid(), number)
+        return function(*words, **named)
+
+    return interrupted
+
+if where == "files":
     figures.save = arrive
+else:
+    experiment = long_experiment
+if where == "run, again before the rows are read":
+    Log.trajectory = once_more(Log.trajectory)
+if where == "run, again before the file is written":
+    Trajectory.write = once_more(Trajectory.write)
 sys.exit(trial("--out", sys.argv[1]))
 """
 
 
 @pytest.mark.parametrize(
     ("where", "left", "number"),
-    [("run", ["broken_off.parquet"], "SIGINT"), ("files", [], "SIGTERM")],
+    [
+        ("run", ["broken_off.parquet"], "SIGINT"),
+        ("run, again before the rows are read", ["broken_off.parquet"], "SIGINT"),
+        ("run, again before the file is written", ["broken_off.parquet"], "SIGINT"),
+        ("files", [], "SIGTERM"),
+    ],
 )
 def test_an_interruption_ends_a_command_within_two_seconds_and_leaves_whole_files_only(
     where: str, left: list[str], number: str, tmp_path: Path

@@ -22,6 +22,7 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
+from cranedyn.command import defer_sigint
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
@@ -430,7 +431,9 @@ def simulate_site(
         for row in range(rows):
             recording.run_cycle(row * CYCLE)
     except (Exception, KeyboardInterrupt) as error:
-        recording.end_early(error)
+        # A second Ctrl-C must not lose what the first one is to leave.
+        with defer_sigint():
+            recording.end_early(error)
     return recording.result()
 
 
