@@ -14,7 +14,9 @@ from cranedyn.benchmark.task import PUBLIC, VERSION, all_tasks, check_seeds, sel
 from cranedyn.checks import number, whole
 from cranedyn.command import FAILED, Parser, command_line, next_lines
 from cranedyn.data.files import check_writable
+from cranedyn.errors import CraneError
 from cranedyn.progress import bar
+from cranedyn.sweep.cluster import tls
 
 
 def add_commands(parser: Parser) -> None:
@@ -41,13 +43,48 @@ def _add_tasks(parser: Parser) -> None:
 def _add_running(parser: Parser) -> None:
     """Add the options of how entries run."""
     usual = EntryLimits()
-    text = "processes that share the tasks; by default one for each processor"
-    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+    _add_jobs(parser)
     text = "processor time that an entry may take for an instance [s]"
     parser.add_argument("--seconds", type=float, default=usual.seconds, metavar="S", help=text)
     text = "memory that it may take [MB]"
     parser.add_argument("--megabytes", type=float, default=usual.megabytes, metavar="M", help=text)
     _add_trust(parser)
+
+
+def _add_jobs(parser: Parser) -> None:
+    """Add the option of how many processes share the tasks."""
+    text = "processes that share the tasks; by default one for each processor"
+    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+
+
+def _add_scheduler(parser: Parser) -> None:
+    """Add the option by which a cluster shares the tasks."""
+    parser.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="share the tasks among the workers of this Dask scheduler instead; it and all of them "
+        "can run code in this program, so trust it, and have it listen only where you want; they "
+        "have the files of the entry at the same paths",
+    )
+    parser.add_argument(
+        "--tls",
+        nargs=3,
+        metavar=("CA.pem", "CERT.pem", "KEY.pem"),
+        help="certificates of those to trust, and certificate and key of this program, for a "
+        "scheduler at tls://HOST:PORT",
+    )
+
+
+def _check_spread(options: argparse.Namespace) -> None:
+    """Check that tasks are shared in one way only.
+
+    Raises:
+        CraneError: If both a number of processes and a scheduler are given.
+    """
+    if options.scheduler is not None and options.jobs is not None:
+        raise CraneError("--jobs has no effect beside --scheduler; give one only.")
+    if options.scheduler is None and options.tls is not None:
+        raise CraneError("--tls has no effect without --scheduler; give its address, too.")
 
 
 def _add_trust(parser: Parser) -> None:
@@ -119,11 +156,13 @@ def _configure_run(parser: Parser) -> None:
     text = "where to write the result; by default out/benchmark/NAME.json"
     parser.add_argument("-o", "--output", type=Path, default=None, metavar="FILE.json", help=text)
     _add_running(parser)
+    _add_scheduler(parser)
     parser.set_defaults(run=_run)
 
 
 def _run(options: argparse.Namespace) -> int:
     """Run an entry; the exit code is 1 if it took part in no task."""
+    _check_spread(options)
     tasks = select_tasks(options.tasks)
     source = find_entry(options.entry, trusted=options.trust)
     check_seeds(options.seeds)
@@ -142,6 +181,8 @@ def _run(options: argparse.Namespace) -> int:
             seeds=options.seeds,
             limits=limits,
             jobs=options.jobs,
+            scheduler=options.scheduler,
+            security=tls(*options.tls) if options.tls else None,
             progress=progress,
         )
     result.write(file)
@@ -232,13 +273,14 @@ def _configure_verify(parser: Parser) -> None:
     _add_trust(parser)
     text = "compute so many instances again; all by default"
     parser.add_argument("--sample", type=int, metavar="N", help=text)
-    text = "processes that share the tasks; by default one for each processor"
-    parser.add_argument("--jobs", type=int, default=None, metavar="N", help=text)
+    _add_jobs(parser)
+    _add_scheduler(parser)
     parser.set_defaults(run=_verify)
 
 
 def _verify(options: argparse.Namespace) -> int:
     """Verify a result."""
+    _check_spread(options)
     result = read_benchmark_result(options.result)
     sample = None if options.sample is None else whole("--sample", options.sample, 1)
     with bar("verification", len(result.tasks)) as progress:
@@ -249,6 +291,8 @@ def _verify(options: argparse.Namespace) -> int:
             trusted=options.trust,
             sample=sample,
             jobs=options.jobs,
+            scheduler=options.scheduler,
+            security=tls(*options.tls) if options.tls else None,
             progress=progress,
         )
     for difference in found.differences:

@@ -42,6 +42,24 @@ class EntrySource:
         """
         return {} if self.file is None else {self.file.name: digest(self.file)}
 
+    def absolute(self) -> EntrySource:
+        """Return the entry with the whole path of its file, for processes that work elsewhere.
+
+        Raises:
+            CraneError: If it is a program that the user starts, which is reached from here only.
+        """
+        if self.file is None:
+            raise CraneError(
+                f"{self.source} is reached from this machine only; leave out --scheduler."
+            )
+        file = self.file.resolve()
+        if self.source.startswith(OPCUA_PROGRAM):
+            return EntrySource(self.name, f"{OPCUA_PROGRAM}{file}", file)
+        _, colon, function = self.source.rpartition(":")
+        if self.file.suffix == ".py":
+            return EntrySource(self.name, f"{file}{colon}{function}", file)
+        return EntrySource(self.name, str(file), file)
+
     @property
     def max_jobs(self) -> int | None:
         """Largest number of processes of the entry at once; None for any number."""

@@ -17,7 +17,7 @@ from dataclasses import asdict, dataclass
 from importlib.metadata import version as installed_version
 from multiprocessing.util import Finalize
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from cranedyn.benchmark.entry_files import add_digests, changed_files
 from cranedyn.benchmark.entry_kinds import kind_of
@@ -28,8 +28,13 @@ from cranedyn.benchmark.task import VERSION, CraneTask, check_seeds
 from cranedyn.checks import number, worker_count
 from cranedyn.data.files import parse_json, read_text, write_text
 from cranedyn.errors import CraneError, DataError, quoted
+from cranedyn.sweep.cluster import cluster_failure, connect, disconnect, no_worker
 from cranedyn.sweep.workers import end_with_parent, ignore_sigint
 from cranedyn.version import __version__
+
+if TYPE_CHECKING:
+    from distributed import Client
+    from distributed.security import Security
 
 FORMAT = "cranedyn benchmark result 2"
 """First entry of a file of results."""
@@ -96,6 +101,8 @@ def run_benchmark(
     limits: EntryLimits | None = None,
     variant: Variant = USUAL,
     jobs: int | None = 1,
+    scheduler: str | None = None,
+    security: Security | None = None,
     indices: Mapping[str, Sequence[int]] | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> Result:
@@ -109,12 +116,18 @@ def run_benchmark(
         limits: What the entry may use in an instance; None for the usual limits.
         variant: How the runs are computed.
         jobs: Processes that share the tasks; None for one for each processor.
+        scheduler: Address of a Dask scheduler whose workers share the tasks instead. They have this
+            version of cranedyn, and the files of the entry at the same paths. The scheduler, and
+            every worker behind it, can run code in this program.
+        security: Certificates for a scheduler whose address begins with ``tls://``, see
+            `cranedyn.sweep.cluster.tls`.
         indices: Indices of the instances to run by the name of the task; None for all.
         progress: Function that is told how many tasks are done.
 
     Raises:
         OutOfRange: If the seeds are no name of seeds, or the number of jobs is out of range.
-        CraneError: If a file of the entry changed meanwhile.
+        CraneError: If a file of the entry changed meanwhile or is another one on a worker, or the
+            scheduler does not answer or has no worker.
     """
     check_seeds(seeds)
     limits = EntryLimits() if limits is None else limits
@@ -123,7 +136,13 @@ def run_benchmark(
         count = min(count, source.max_jobs)
     files = source.files
     by_task = {}
-    evaluations = _evaluations(tasks, source, limits, count, seeds, variant, indices)
+    arguments = _arguments_by_task(tasks, seeds, variant, indices)
+    if scheduler is None:
+        evaluations = _evaluations(tasks, source, limits, count, arguments)
+    else:
+        sent = source.absolute()
+        client = connect(scheduler, security)
+        evaluations = _cluster_evaluations(tasks, sent, limits, client, scheduler, arguments)
     for done, (task, evaluation) in enumerate(evaluations, 1):
         by_task[task.name] = evaluation
         if progress is not None:
@@ -146,28 +165,35 @@ def run_benchmark(
     )
 
 
+def _arguments_by_task(
+    tasks: Sequence[CraneTask],
+    seeds: str,
+    variant: Variant,
+    indices: Mapping[str, Sequence[int]] | None,
+) -> dict[str, dict[str, Any]]:
+    """Return the arguments of `Evaluator.evaluate` by the name of the task, see `run_benchmark`."""
+    by_name = {}
+    for task in tasks:
+        chosen = None if indices is None else indices[task.name]
+        by_name[task.name] = {"seeds": seeds, "indices": chosen, "variant": variant}
+    return by_name
+
+
 def _evaluations(
     tasks: Sequence[CraneTask],
     source: EntrySource,
     limits: EntryLimits,
     count: int,
-    seeds: str,
-    variant: Variant,
-    indices: Mapping[str, Sequence[int]] | None,
+    arguments: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[tuple[CraneTask, TaskEvaluation]]:
     """Yield what came of each task as soon as it is done, by so many processes, see
     `run_benchmark`.
     """
-
-    def arguments(task: CraneTask) -> dict[str, Any]:
-        chosen = None if indices is None else indices[task.name]
-        return {"seeds": seeds, "indices": chosen, "variant": variant}
-
     if count == 1:
         evaluator = Evaluator(source, limits)
         try:
             for task in tasks:
-                yield task, evaluator.evaluate(task, **arguments(task))
+                yield task, evaluator.evaluate(task, **arguments[task.name])
         finally:
             evaluator.close()
         return
@@ -177,9 +203,54 @@ def _evaluations(
         # Submitting starts processes, which must not end at an interruption by themselves.
         with ignore_sigint():
             for task in tasks:
-                futures[pool.submit(_evaluate, task, **arguments(task))] = task
+                futures[pool.submit(_evaluate, task, **arguments[task.name])] = task
         for future in as_completed(futures):
             yield futures[future], future.result()
+
+
+def _cluster_evaluations(
+    tasks: Sequence[CraneTask],
+    source: EntrySource,
+    limits: EntryLimits,
+    client: Client,
+    scheduler: str,
+    arguments: Mapping[str, Mapping[str, Any]],
+) -> Iterator[tuple[CraneTask, TaskEvaluation]]:
+    """Yield what came of each task as soon as it is done, by the workers of a Dask scheduler.
+
+    Each task has a process of the entry of its own: a worker does not say when it will get no more.
+
+    Raises:
+        CraneError: If the scheduler has no worker, or is gone.
+    """
+    # Not pure: a task that is tried again is computed again.
+    executor = client.get_executor(pure=False)
+    try:
+        if not client.nthreads():
+            raise no_worker(scheduler)
+        futures = {}
+        for task in tasks:
+            future = executor.submit(_evaluate_alone, source, limits, task, arguments[task.name])
+            futures[future] = task
+        for future in as_completed(futures):
+            yield futures[future], future.result()
+    except CraneError:
+        raise
+    except Exception as error:
+        raise cluster_failure(scheduler, error) from error
+    finally:
+        disconnect(client, executor)
+
+
+def _evaluate_alone(
+    source: EntrySource, limits: EntryLimits, task: CraneTask, arguments: Mapping[str, Any]
+) -> TaskEvaluation:
+    """Return the results in a task, with a process of the entry for this task alone."""
+    evaluator = Evaluator(source, limits)
+    try:
+        return evaluator.evaluate(task, **arguments)
+    finally:
+        evaluator.close()
 
 
 def _add_files(files: dict[str, str], evaluations: Sequence[TaskEvaluation]) -> None:
@@ -326,6 +397,8 @@ def verify_result(
     trusted: bool = False,
     sample: int | None = None,
     jobs: int | None = 1,
+    scheduler: str | None = None,
+    security: Security | None = None,
     progress: Callable[[int], object] | None = None,
 ) -> Verification:
     """Compute instances of a result again and compare them.
@@ -339,6 +412,8 @@ def verify_result(
         sample: Number of instances to compute again, drawn by the digest of the result; None for
             all.
         jobs: Processes that share the tasks.
+        scheduler: Address of a Dask scheduler, see `run_benchmark`.
+        security: Certificates for it.
         progress: Function that is told how many tasks are done.
 
     Raises:
@@ -367,6 +442,8 @@ def verify_result(
         limits=result.limits,
         variant=result.variant,
         jobs=jobs,
+        scheduler=scheduler,
+        security=security,
         indices=chosen,
         progress=progress,
     )

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 from concurrent.futures import Future
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
@@ -23,6 +23,7 @@ from cranedyn.sweep.pool import Pool
 from cranedyn.sweep.study import DIED, CaseRange, Task
 
 if TYPE_CHECKING:
+    from distributed import Client
     from distributed.security import Security
 
 CONNECT_TIMEOUT = 5.0
@@ -40,7 +41,7 @@ _DIED_OR_LATE = (
 )
 """Error of a case that may have been ended at the time limit; only the worker's machine knows."""
 
-_NO_DASK = "Sweeping on a cluster needs Dask; install it with: pip install 'cranedyn[dask]' ({})."
+_NO_DASK = "Work on a cluster needs Dask; install it with: pip install 'cranedyn[dask]' ({})."
 
 
 def tls(ca_file: str, cert: str, key: str) -> Security:
@@ -84,22 +85,9 @@ class DaskPool(Pool):
     def __init__(self, task: Task, scheduler: str, security: Security | None = None) -> None:
         """Connect to a scheduler, for example at ``tcp://127.0.0.1:8786``."""
         super().__init__(task)
-        try:
-            from distributed import Client, KilledWorker
-            from distributed.security import Security
-        except ImportError as error:
-            raise CraneError(_NO_DASK.format(error)) from None
+        self._client = connect(scheduler, security)
+        from distributed import KilledWorker
 
-        import asyncio
-
-        try:
-            asyncio.run(_check_answers(scheduler, security or Security()))
-            self._client = Client(
-                scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security
-            )
-        except Exception as error:
-            reason = str(error).rstrip(".") or "it timed out"
-            raise CraneError(f"No Dask scheduler answers at {scheduler}: {reason}.") from error
         # Not pure: a chunk that is tried again is computed again.
         self._executor = self._client.get_executor(pure=False)
         self._address = scheduler
@@ -116,11 +104,7 @@ class DaskPool(Pool):
 
     def close(self) -> None:
         """Take back what is under way; a scheduler that is gone is not reported again."""
-        from distributed.utils import silence_logging_cmgr
-
-        with silence_logging_cmgr(logging.CRITICAL), suppress(TimeoutError):
-            self._executor.shutdown(wait=False)
-            self._client.close(CLOSE_TIMEOUT)
+        disconnect(self._client, self._executor)
 
     def _start(self, columns: Mapping[str, np.ndarray]) -> Future[pa.Table]:
         return self._executor.submit(self._task.evaluate, columns)
@@ -138,11 +122,7 @@ class DaskPool(Pool):
     def _check_workers(self) -> None:
         if self._count_threads() or time.monotonic() - self._last_worker_time < WORKER_TIMEOUT:
             return
-        raise CraneError(
-            f"The scheduler at {self._address} has no worker; start some with: dask worker "
-            f"{self._address} --host 127.0.0.1 --no-dashboard --dashboard-address "
-            "127.0.0.1:0 (of another machine, its own address and certificates for TLS)"
-        )
+        raise no_worker(self._address)
 
     def _count_threads(self) -> int:
         """Return the number of threads of all workers, and note the time if there are any."""
@@ -156,8 +136,56 @@ class DaskPool(Pool):
 
     def _failure(self, error: BaseException) -> CraneError:
         """Return the error of a sweep whose cluster raised one that is not the study's."""
-        reason = f"{type(error).__name__}: {error}".rstrip(": ")
-        return CraneError(f"The cluster at {self._address} failed or is gone: {reason}.")
+        return cluster_failure(self._address, error)
+
+
+def cluster_failure(scheduler: str, error: BaseException) -> CraneError:
+    """Return the error for the user of a cluster that raised an error of its own."""
+    reason = f"{type(error).__name__}: {error}".rstrip(": ")
+    return CraneError(f"The cluster at {scheduler} failed or is gone: {reason}.")
+
+
+def no_worker(scheduler: str) -> CraneError:
+    """Return the error for a scheduler that has no worker."""
+    return CraneError(
+        f"The scheduler at {scheduler} has no worker; start some with: dask worker {scheduler} "
+        "--host 127.0.0.1 --no-dashboard --dashboard-address 127.0.0.1:0 (of another machine, its "
+        "own address and certificates for TLS)"
+    )
+
+
+def connect(scheduler: str, security: Security | None = None) -> Client:
+    """Return a client of a Dask scheduler, for example at ``tcp://127.0.0.1:8786``.
+
+    Raises:
+        CraneError: If Dask is not installed, the certificates cannot be used, or no scheduler
+            answers.
+    """
+    try:
+        from distributed import Client
+        from distributed.security import Security
+    except ImportError as error:
+        raise CraneError(_NO_DASK.format(error)) from None
+
+    import asyncio
+
+    try:
+        asyncio.run(_check_answers(scheduler, security or Security()))
+        return Client(scheduler, timeout=CONNECT_TIMEOUT, set_as_default=False, security=security)
+    except Exception as error:
+        reason = str(error).rstrip(".") or "it timed out"
+        raise CraneError(f"No Dask scheduler answers at {scheduler}: {reason}.") from error
+
+
+def disconnect(client: Client, executor: Any) -> None:
+    """Take back what is under way on a cluster, and end the connection to its scheduler; one that
+    is gone is not reported again.
+    """
+    from distributed.utils import silence_logging_cmgr
+
+    with silence_logging_cmgr(logging.CRITICAL), suppress(TimeoutError):
+        executor.shutdown(wait=False)
+        client.close(CLOSE_TIMEOUT)
 
 
 async def _check_answers(scheduler: str, security: Security) -> None:

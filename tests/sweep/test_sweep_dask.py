@@ -63,10 +63,10 @@ def _dask(*words: str, log: Path, **environment: str) -> Iterator[subprocess.Pop
     try:
         yield process
     finally:
-        _kill(process)
+        kill_group(process)
 
 
-def _kill(process: subprocess.Popen[bytes]) -> None:
+def kill_group(process: subprocess.Popen[bytes]) -> None:
     """Kill a command and all processes of its group."""
     with suppress(ProcessLookupError):
         os.killpg(process.pid, signal.SIGKILL)
@@ -74,7 +74,7 @@ def _kill(process: subprocess.Popen[bytes]) -> None:
 
 
 @contextmanager
-def _cluster(
+def dask_cluster(
     folder: Path, **environment: str
 ) -> Iterator[tuple[str, list[subprocess.Popen[bytes]]]]:
     """Address of a scheduler, and the processes of the scheduler and two workers."""
@@ -108,12 +108,12 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
     gate = tmp_path / "gate"
     design = grid(x=range(40))
     environment = {"SWEEP_LOG": str(log), "SWEEP_PAUSE": "0.05", "SWEEP_GATE": str(gate)}
-    with _cluster(tmp_path, **environment) as (address, processes):
+    with dask_cluster(tmp_path, **environment) as (address, processes):
         scheduler, first_worker, second_worker = processes
 
         def kill_one() -> None:
             until(lambda: len(ran(log)[1]) == 2)  # both work
-            _kill(first_worker)
+            kill_group(first_worker)
             gate.touch()
 
         threading.Thread(target=kill_one).start()
@@ -124,7 +124,7 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
         assert table["y"].to_pylist() == [float(x * x) for x in range(40)]
         assert table["error"].null_count == 40
 
-        _kill(second_worker)
+        kill_group(second_worker)
         monkeypatch.setattr(cluster, "WORKER_TIMEOUT", 1)
         with pytest.raises(CraneError, match=rf"{address} has no worker; start some with: dask w"):
             sweep(studies.squares, design, tmp_path / "b", scheduler=address)
@@ -139,7 +139,7 @@ def test_a_cluster_whose_workers_are_killed_ends_what_it_can_and_says_when_none_
 
         def kill_scheduler() -> None:
             until(lambda: count_clients() > clients)
-            _kill(scheduler)
+            kill_group(scheduler)
 
         threading.Thread(target=kill_scheduler).start()
         # Whichever comes first: the sweep is under way, or its client has not been answered yet.
@@ -158,7 +158,7 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
     design = grid(x=range(6))
     dead = tmp_path / "dead"
     late = tmp_path / "late"
-    with _cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as (address, _):
+    with dask_cluster(tmp_path, DASK_DISTRIBUTED__SCHEDULER__ALLOWED_FAILURES="0") as (address, _):
         sweep(studies.deadly, design, dead, chunk=2, scheduler=address)
         errors = results(dead)["error"].to_pylist()
         assert errors == [DIED if x == 3 else None for x in range(6)]
@@ -175,7 +175,10 @@ def test_a_case_that_kills_its_worker_is_bad_alone_on_a_cluster_too(
 def test_a_sweep_on_a_cluster_answers_ctrl_c_within_two_seconds(hung: bool, tmp_path: Path) -> None:
     folder = tmp_path / "sweep"
     log = tmp_path / "log"
-    with _cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (address, (scheduler, *_)):
+    with dask_cluster(tmp_path, SWEEP_LOG=str(log), SWEEP_PAUSE="1.0") as (
+        address,
+        (scheduler, *_),
+    ):
         with sweeping(folder, log, 1.0, address) as process:
             until(lambda: len(parts(folder)) >= 2)
             if hung:
@@ -254,7 +257,7 @@ def _documented(folder: Path, block: int, listeners: int = 0) -> Iterator[tuple[
         assert addresses <= {"127.0.0.1"}
         yield output.read_text(), f"127.0.0.1:{port}"
     finally:
-        _kill(shell)
+        kill_group(shell)
 
 
 _SWINGS = "PD: 247 mrad at most\nLQR: 28 mrad at most\n"
