@@ -52,7 +52,7 @@ class EntrySource:
             raise CraneError(
                 f"{self.source} is reached from this machine only; leave out --scheduler."
             )
-        file = self.file.resolve()
+        file = self.file.absolute()
         if self.source.startswith(OPCUA_PROGRAM):
             return EntrySource(self.name, f"{OPCUA_PROGRAM}{file}", file)
         _, colon, function = self.source.rpartition(":")

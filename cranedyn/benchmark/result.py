@@ -12,12 +12,18 @@ import multiprocessing
 import platform
 import random
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures import (
+    FIRST_COMPLETED,
+    Future,
+    ProcessPoolExecutor,
+    as_completed,
+    wait,
+)
 from dataclasses import asdict, dataclass
 from importlib.metadata import version as installed_version
 from multiprocessing.util import Finalize
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from cranedyn.benchmark.entry_files import add_digests, changed_files
 from cranedyn.benchmark.entry_kinds import kind_of
@@ -28,12 +34,11 @@ from cranedyn.benchmark.task import VERSION, CraneTask, check_seeds
 from cranedyn.checks import number, worker_count
 from cranedyn.data.files import parse_json, read_text, write_text
 from cranedyn.errors import CraneError, DataError, quoted
-from cranedyn.sweep.cluster import cluster_failure, connect, disconnect, no_worker
+from cranedyn.sweep.cluster import Cluster
 from cranedyn.sweep.workers import end_with_parent, ignore_sigint
 from cranedyn.version import __version__
 
 if TYPE_CHECKING:
-    from distributed import Client
     from distributed.security import Security
 
 FORMAT = "cranedyn benchmark result 2"
@@ -47,6 +52,9 @@ rounded to the next step of its resolution, which is about a thousandth of a mot
 SETTLING_TOLERANCE_PERIODS = 2
 """Largest difference of a verified settling time, in control periods: it is counted in whole ones,
 and such a rounding may move the crossing of the tolerance by one to either side."""
+
+_CLUSTER_CHECK_INTERVAL = 1.0
+"""Time after which a cluster on which nothing is done is asked whether it has workers [s]."""
 
 _PACKAGES = ("numpy", "scipy", "pin", "llvmlite")
 """Packages whose versions a result names, whatever the kind of the entry."""
@@ -117,8 +125,8 @@ def run_benchmark(
         variant: How the runs are computed.
         jobs: Processes that share the tasks; None for one for each processor.
         scheduler: Address of a Dask scheduler whose workers share the tasks instead. They have this
-            version of cranedyn, and the files of the entry at the same paths. The scheduler, and
-            every worker behind it, can run code in this program.
+            version of cranedyn and the files of the entry, both at the same paths as this machine.
+            The scheduler, and every worker behind it, can run code in this program.
         security: Certificates for a scheduler whose address begins with ``tls://``, see
             `cranedyn.sweep.cluster.tls`.
         indices: Indices of the instances to run by the name of the task; None for all.
@@ -126,8 +134,8 @@ def run_benchmark(
 
     Raises:
         OutOfRange: If the seeds are no name of seeds, or the number of jobs is out of range.
-        CraneError: If a file of the entry changed meanwhile or is another one on a worker, or the
-            scheduler does not answer or has no worker.
+        CraneError: If a file of the entry changed meanwhile, the scheduler does not answer or has
+            no worker, or a worker has another version of cranedyn or of the entry.
     """
     check_seeds(seeds)
     limits = EntryLimits() if limits is None else limits
@@ -141,8 +149,8 @@ def run_benchmark(
         evaluations = _evaluations(tasks, source, limits, count, arguments)
     else:
         sent = source.absolute()
-        client = connect(scheduler, security)
-        evaluations = _cluster_evaluations(tasks, sent, limits, client, scheduler, arguments)
+        cluster = Cluster(scheduler, security)
+        evaluations = _evaluations_on_cluster(tasks, sent, limits, cluster, arguments)
     for done, (task, evaluation) in enumerate(evaluations, 1):
         by_task[task.name] = evaluation
         if progress is not None:
@@ -208,44 +216,77 @@ def _evaluations(
             yield futures[future], future.result()
 
 
-def _cluster_evaluations(
+def _evaluations_on_cluster(
     tasks: Sequence[CraneTask],
     source: EntrySource,
     limits: EntryLimits,
-    client: Client,
-    scheduler: str,
+    cluster: Cluster,
     arguments: Mapping[str, Mapping[str, Any]],
 ) -> Iterator[tuple[CraneTask, TaskEvaluation]]:
-    """Yield what came of each task as soon as it is done, by the workers of a Dask scheduler.
+    """Yield what came of each task as soon as it is done, by the workers of a cluster.
 
-    Each task has a process of the entry of its own: a worker does not say when it will get no more.
+    Each task has a process of the entry of its own: a worker does not know which task is its last,
+    after which such a process had to end.
 
     Raises:
-        CraneError: If the scheduler has no worker, or is gone.
+        CraneError: If the scheduler has no worker or is gone, or a worker is not like this machine.
     """
-    # Not pure: a task that is tried again is computed again.
-    executor = client.get_executor(pure=False)
+    here = _Alike(__version__, source.files)
     try:
-        if not client.nthreads():
-            raise no_worker(scheduler)
         futures = {}
         for task in tasks:
-            future = executor.submit(_evaluate_alone, source, limits, task, arguments[task.name])
+            future = cluster.submit(
+                _evaluate_on_worker, here, source, limits, task, arguments[task.name]
+            )
             futures[future] = task
-        for future in as_completed(futures):
-            yield futures[future], future.result()
+        waiting = set(futures)
+        while waiting:
+            done, waiting = wait(waiting, _CLUSTER_CHECK_INTERVAL, FIRST_COMPLETED)
+            for future in done:
+                yield futures[future], future.result()
+            cluster.check_workers()
     except CraneError:
         raise
     except Exception as error:
-        raise cluster_failure(scheduler, error) from error
+        raise cluster.failure(error) from error
     finally:
-        disconnect(client, executor)
+        cluster.close()
 
 
-def _evaluate_alone(
-    source: EntrySource, limits: EntryLimits, task: CraneTask, arguments: Mapping[str, Any]
+class _Alike(NamedTuple):
+    """In what a worker of a cluster must be like the machine that asks.
+
+    Attributes:
+        version: Version of cranedyn.
+        files: SHA-256 of the file of the entry by its name, see `EntrySource.files`.
+    """
+
+    version: str
+    files: Mapping[str, str]
+
+
+def _evaluate_on_worker(
+    here: _Alike,
+    source: EntrySource,
+    limits: EntryLimits,
+    task: CraneTask,
+    arguments: Mapping[str, Any],
 ) -> TaskEvaluation:
-    """Return the results in a task, with a process of the entry for this task alone."""
+    """Return the results in a task, with a process of the entry for this task alone.
+
+    Raises:
+        CraneError: If this worker has another version of cranedyn, or not the same entry. Without
+            this check the entry would fail where nothing but the worker is wrong.
+    """
+    node = platform.node()
+    if here.version != __version__:
+        raise CraneError(
+            f"The worker on {node} has cranedyn {__version__}; needed is {here.version}."
+        )
+    if source.file is not None and not (source.file.is_file() and source.files == here.files):
+        raise CraneError(
+            f"The worker on {node} has no {source.file}, or another one than the machine that asks."
+        )
     evaluator = Evaluator(source, limits)
     try:
         return evaluator.evaluate(task, **arguments)

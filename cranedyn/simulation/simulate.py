@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import nullcontext
 from typing import TYPE_CHECKING, NoReturn
 
 from cranedyn.command import defer_sigint
@@ -165,12 +166,13 @@ def simulate(
         # commands too few drives. Its own message says that better than "at t = 0".
         raise early_end.error
 
-    notes = with_notes(record, controller)
     if early_end is None:
-        return log.trajectory(parameters, notes)
-    # A second Ctrl-C must not lose what the first one is to leave.
-    with defer_sigint():
-        _raise_early_end(early_end, log.trajectory(parameters, notes))
+        return log.trajectory(parameters, with_notes(record, controller))
+    # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
+    is_interrupted = isinstance(early_end.error, KeyboardInterrupt)
+    with defer_sigint() if is_interrupted else nullcontext():
+        trajectory = log.trajectory(parameters, with_notes(record, controller))
+        _raise_early_end(early_end, trajectory)
 
 
 def _raise_early_end(early_end: EarlyEnd, trajectory: Trajectory) -> NoReturn:

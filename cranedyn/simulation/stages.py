@@ -23,12 +23,13 @@ Source: Pars, A Treatise on Analytical Dynamics (1965), chapter XIV, on impulsiv
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.command import defer_sigint
+from cranedyn.command import defer_sigint, interrupted
 from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.equations_of_motion import energy
@@ -128,13 +129,13 @@ def simulate_stages(
     changes: list[LoadChange] = []
     t = t_start
     for i, stage in enumerate(stages):
-        if i > 0:
-            state = pieces[-1].state(-1)
-            changes.append(
-                change_load(stages[i - 1].crane, stage.crane, state, prescribed=prescribed)
-            )
-            start = changes[-1].state
         try:
+            if i > 0:
+                state = pieces[-1].state(-1)
+                changes.append(
+                    change_load(stages[i - 1].crane, stage.crane, state, prescribed=prescribed)
+                )
+                start = changes[-1].state
             piece = simulate(
                 stage.crane,
                 stage.controller,
@@ -145,15 +146,42 @@ def simulate_stages(
                 ground=stage.ground,
                 **options,
             )
-        except RunError as error:
-            # A second Ctrl-C must not lose what the first one is to leave.
-            with defer_sigint():
-                if error.trajectory is not None:
-                    error.trajectory = join_stages([*pieces, error.trajectory], changes)
-                raise
-        pieces.append(until_end(piece, stage, i))
+            pieces.append(until_end(piece, stage, i))
+        except (RunError, KeyboardInterrupt) as error:
+            # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
+            with defer_sigint() if interrupted(error) else nullcontext():
+                ended = _with_earlier_stages(error, pieces, changes, t)
+                if ended is error:
+                    raise
+                raise ended from None
         t = float(pieces[-1].t[-1])
     return StagedRun(join_stages(pieces, changes), tuple(pieces), tuple(changes))
+
+
+def _with_earlier_stages(
+    error: RunError | KeyboardInterrupt,
+    pieces: Sequence[Trajectory],
+    changes: Sequence[LoadChange],
+    t: float,
+) -> RunError | KeyboardInterrupt:
+    """Return the error that ended a stage with the trajectory of all stages until there.
+
+    Args:
+        error: The error. It has no trajectory, or one without rows, where the stage had not begun.
+        pieces: Trajectories of the stages before.
+        changes: Changes of the load so far, the last one perhaps that before this stage.
+        t: Time at which the stage begins [s].
+    """
+    recorded = [*pieces]
+    if isinstance(error, RunError) and error.trajectory is not None and len(error.trajectory) > 0:
+        recorded.append(error.trajectory)
+    if not recorded:
+        return error
+    whole = join_stages(recorded, changes[: len(recorded) - 1])
+    if isinstance(error, RunError):
+        error.trajectory = whole
+        return error
+    return RunError(f"Interrupted at t = {t:.3f} s.", t=t, trajectory=whole)
 
 
 def change_load(

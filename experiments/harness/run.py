@@ -313,10 +313,10 @@ def _result(outcome: Outcome, options: argparse.Namespace) -> dict[str, Any]:
 
 def _store_partial_run(error: RunError, folder: Path) -> int:
     """Write what a run that broke off had recorded, and return the exit code."""
-    print(f"error: {error}", file=sys.stderr)
-    if error.trajectory is not None and len(error.trajectory) > 0:
-        # A second Ctrl-C must not lose what the first one is to leave.
-        with defer_sigint():
+    # Until the file is there, a second Ctrl-C waits.
+    with defer_sigint():
+        print(f"error: {error}", file=sys.stderr)
+        if error.trajectory is not None and len(error.trajectory) > 0:
             try:
                 file = error.trajectory.write(make_folder(folder) / "broken_off.parquet")
                 print(f"What was recorded up to then is in {file}.", file=sys.stderr)

@@ -92,11 +92,12 @@ def simulate_cases(cases: Cases) -> dict[str, np.ndarray]:
         Columns of all cases: largest swing, and amplitude of the swing 10 s after the arrival
         [rad]; distance of the payload from its goal then [m]; largest efforts over those of the
         drives; and the time at which the model ceased to hold or drives could not follow [s],
-        masked where that did not occur. In single precision also ``rounding_rad``, by how much the
-        swing that is left differs from that in doubles, masked where that was not computed, too
-        [rad]. Of cases that are drawn also the amplitude at the arrival
-        [rad], whether a range was left or the rope went slack (1 or 0), and the processor time of
-        the case [s]. Of a crane that diverged, what is not finite is masked.
+        masked where that did not occur. In single precision also ``rounding_rad``: by how much the
+        swing that is left differs from that in doubles [rad], masked in all but `COMPARED_CASES`
+        cases of each batch, which alone are computed in doubles, too. Of cases that are drawn also
+        the amplitude at the arrival [rad], whether a range was left or the rope went slack (1 or
+        0), and the processor time of the case [s]; where such a crane diverged, what is not finite
+        is masked.
     """
     # All cases of a sweep are in one world.
     gravity, dt, control_period = (float(cases[name][0]) for name in WORLD_COLUMNS)
@@ -199,7 +200,7 @@ def _batch_columns(
         exact = run(compared, "double").residual_swing
         rounding = np.ma.masked_all(len(cranes))
         rounding[compared] = np.abs(batch.residual_swing[compared] - exact)
-        columns["rounding_rad"] = rounding
+        columns["rounding_rad"] = np.ma.masked_invalid(rounding)
     shares = batch.largest_effort / crane.effort_limit
     for i, drive in enumerate(DRIVES):
         columns[f"{drive}_effort_share"] = shares[:, i]

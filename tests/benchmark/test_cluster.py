@@ -2,19 +2,28 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from cranedyn.__main__ import main
+from cranedyn.benchmark.entry_process import EntryLimits
 from cranedyn.benchmark.entry_source import find_entry
 from cranedyn.benchmark.evaluate import InstanceResult
-from cranedyn.benchmark.result import Result, read_benchmark_result, run_benchmark
+from cranedyn.benchmark.result import (
+    Result,
+    _Alike,
+    _evaluate_on_worker,
+    read_benchmark_result,
+    run_benchmark,
+)
 from cranedyn.errors import CraneError
+from cranedyn.sweep import cluster
+from cranedyn.version import __version__
 from tests.benchmark.toys import toy
 from tests.sweep.test_sweep_dask import dask_cluster, kill_group
-from tests.sweep.test_sweep_interrupted import until
 
 pytestmark = [pytest.mark.usefixtures("limited"), pytest.mark.slow]
 pytest.importorskip("distributed", reason="the extra dask is not installed")
@@ -61,8 +70,7 @@ def test_workers_of_a_cluster_compute_what_this_machine_does(
 
         for worker in workers:
             kill_group(worker)
-        log = tmp_path / "scheduler.log"
-        until(lambda: log.read_text().count("Remove worker") == len(workers))
+        monkeypatch.setattr(cluster, "WORKER_TIMEOUT", 1)
         with pytest.raises(CraneError, match=f"{address} has no worker; start some with: dask wor"):
             run_benchmark(tasks, find_entry(text), text, seeds="public", scheduler=address)
 
@@ -97,5 +105,25 @@ def test_a_file_is_sent_with_its_whole_path(
         (tmp_path / "a" / name).touch()
     monkeypatch.chdir(tmp_path)
     sent = find_entry(named).absolute()
-    assert sent.source == whole.format(tmp_path.resolve())
+    assert sent.source == whole.format(tmp_path)
     assert sent.file is not None and sent.file.is_absolute() and sent.name == find_entry(named).name
+
+
+@pytest.mark.parametrize(
+    ("here", "sentence"),
+    [
+        (_Alike("9.9", {}), f"has cranedyn {re.escape(__version__)}; needed is 9.9"),
+        (_Alike(__version__, {"mine.py": "0"}), "or another one than the machine that asks"),
+    ],
+    ids=["version", "entry"],
+)
+def test_a_worker_that_is_not_like_this_machine_fails_no_entry(
+    here: _Alike, sentence: str, tmp_path: Path
+) -> None:
+    (tmp_path / "mine.py").write_text(ENTRY, encoding="utf-8")
+    source = find_entry(f"{tmp_path / 'mine.py'}:towards")
+    with pytest.raises(CraneError, match=sentence):
+        _evaluate_on_worker(here, source, EntryLimits(), toy("move"), {"seeds": "public"})
+    (tmp_path / "mine.py").unlink()
+    with pytest.raises(CraneError, match=r"has no|needed is"):
+        _evaluate_on_worker(here, source, EntryLimits(), toy("move"), {"seeds": "public"})

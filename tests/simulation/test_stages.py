@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from cranedyn.command import interrupted
 from cranedyn.controllers.hold import hold_controller, zero_command
 from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import read
@@ -198,6 +199,25 @@ def test_a_stage_that_fails_loses_nothing_of_those_before() -> None:
     assert recorded is not None
     assert (recorded.t[0], recorded.t[-1]) == (0.0, pytest.approx(0.295))
     assert LOADS_COLUMN in recorded.keys()
+
+
+@pytest.mark.parametrize("where", ["before the first row", "while the load is changed"])
+def test_ctrl_c_before_a_stage_has_begun_keeps_the_stages_before(
+    where: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    empty, loaded = tower(HOOK), tower(LOADED)
+
+    def interrupts(*_: object, **__: object) -> np.ndarray:
+        raise KeyboardInterrupt
+
+    if where == "while the load is changed":
+        monkeypatch.setattr("cranedyn.simulation.stages.change_load", interrupts)
+    stages = [LoadStage(empty, zero_command(empty), 0.2), LoadStage(loaded, interrupts, 0.5)]
+    with pytest.raises(RunError, match=r"Interrupted at t = 0\.200 s") as caught:
+        simulate_stages(stages, drive="motion")
+    assert interrupted(caught.value)
+    recorded = caught.value.trajectory
+    assert recorded is not None and (recorded.t[0], recorded.t[-1]) == (0.0, pytest.approx(0.2))
 
 
 def test_one_stage_is_a_run() -> None:

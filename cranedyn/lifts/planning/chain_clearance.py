@@ -23,7 +23,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import NamedTuple
@@ -784,29 +784,32 @@ class ChainClearance(Clearance):
 
     @cached_property
     def _moving(self) -> list[MovingBody]:
-        """All shapes of the links that drives move, inflated by the required distance, beside the
-        solids.
-        """
-        moving = []
-        for joint, link in self.bodies.links.items():
-            for shape in link.shapes:
-                body = _body_of_shape(shape, self.site.distance)
-                moving.append(MovingBody(link.name, joint, body, self._solids))
-        return moving
+        """The links that drives move, inflated by the required distance, beside the solids."""
+        return self._links_beside_solids(self.site.distance)
 
     @cached_property
     def _moving_over_ground(self) -> list[MovingBody]:
-        """The shapes of the links that drives move up and down, beside the ground."""
-        moving = []
-        for body in self._moving:
-            if body.joint in self._tipped_links:
-                moving.append(body._replace(field=self._ground))
-        return moving
+        """Those that drives move up and down, beside the ground."""
+        return self._beside_ground(self._moving)
 
-    @property
+    @cached_property
     def _structure(self) -> list[MovingBody]:
         """See `Clearance`."""
-        return [*self._moving, *self._moving_over_ground]
+        links = self._links_beside_solids(0.0)
+        return [*links, *self._beside_ground(links)]
+
+    def _links_beside_solids(self, inflated: float) -> list[MovingBody]:
+        """Return all shapes of the links that drives move, inflated by a distance [m]."""
+        moving = []
+        for joint, link in self.bodies.links.items():
+            for shape in link.shapes:
+                body = _body_of_shape(shape, inflated)
+                moving.append(MovingBody(link.name, joint, body, self._solids))
+        return moving
+
+    def _beside_ground(self, links: Sequence[MovingBody]) -> list[MovingBody]:
+        """Return those of the links that drives move up and down, beside the ground."""
+        return [x._replace(field=self._ground) for x in links if x.joint in self._tipped_links]
 
     @cached_property
     def _own_links(self) -> list[_OwnLink]:

@@ -117,7 +117,7 @@ class MovingBody(NamedTuple):
     Attributes:
         part: Name of the part, such as the link, or "jib" for all that slews with it.
         joint: Index of the joint that carries it among the coordinates.
-        body: The shape, inflated by the required distance.
+        body: The shape, perhaps inflated by a distance.
         field: The obstacles that it is compared with.
     """
 
@@ -510,7 +510,8 @@ class Clearance(ABC):
 
     def nearest_of_structure(self, q: np.ndarray) -> dict[str, Approach]:
         """Return where each part of the crane that drives move above the rope, such as boom and
-        superstructure with its tail, is nearest to what stands along a motion, by name of the part.
+        superstructure with its tail, is nearest to a solid along a motion, or to the ground if the
+        part moves up and down, by name of the part. Zones do not count.
 
         All rows count, and few are looked at: until the structure has moved by the distance that a
         body has beyond the least of its part so far, the body cannot come nearer than that.
@@ -527,8 +528,7 @@ class Clearance(ABC):
                 continue
             row = 0
             while row < len(q):
-                placed = self._put(moving, q[row])
-                distance = moving.field.least(placed) + placed.inflated
+                distance = moving.field.least(self._put(moving, q[row]))
                 if distance < least.get(moving.part, math.inf):
                     least[moving.part] = distance
                     found[moving.part] = row, moving
@@ -538,10 +538,9 @@ class Clearance(ABC):
 
         approaches = {}
         for part, (row, moving) in found.items():
-            placed = self._put(moving, q[row])
-            distances = moving.field.distances(placed)
+            distances = moving.field.distances(self._put(moving, q[row]))
             name = min(distances, key=distances.__getitem__)
-            nearest = Nearest(distances[name] + placed.inflated, part, name)
+            nearest = Nearest(distances[name], part, name)
             approaches[part] = Approach(row, nearest)
         return approaches
 
@@ -627,8 +626,9 @@ class Clearance(ABC):
     @property
     @abstractmethod
     def _structure(self) -> Iterable[MovingBody]:
-        """All shapes of the parts of the crane that drives move above the rope; a shape that is
-        compared with several fields is there for each of them.
+        """All shapes of the parts of the crane that drives move above the rope, not inflated: of an
+        inflated body that touches something coal does not say how deep. A shape that is compared
+        with several fields is there for each of them.
         """
 
     @abstractmethod

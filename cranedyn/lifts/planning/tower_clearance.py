@@ -306,7 +306,7 @@ class TowerClearance(Clearance):
         """See `Clearance`. The slew turns all of it, and the trolley rolls."""
         change = np.abs(q_end - q)
         trolley = np.maximum(np.abs(q), np.abs(q_end))[..., self.joints.trolley]
-        farthest = trolley + self._trolley_body.radius
+        farthest = trolley + self._trolley(0.0).radius
         radius = np.maximum(farthest, self.slewing_radius)
         return radius * change[..., self.joints.slew] + change[..., self.joints.trolley]
 
@@ -397,32 +397,38 @@ class TowerClearance(Clearance):
     @cached_property
     def _hanging(self) -> list[ComparedBody]:
         """The trolley and what hangs, with what they keep from."""
-        trolley = ComparedBody("trolley", self._trolley_body, [self._fields.tall_solids])
+        trolley = ComparedBody(
+            "trolley", self._trolley(self.site.distance), [self._fields.tall_solids]
+        )
         return [*keeping([trolley]), *self._hanging_bodies(self._fields.solids_and_mast)]
 
-    @cached_property
-    def _trolley_body(self) -> Body:
-        """The trolley, inflated by the required distance."""
+    def _trolley(self, inflated: float) -> Body:
+        """Return the trolley, inflated by a distance [m]."""
         shape = coal.Box(self.bodies.trolley.size)
         place = coal.Transform3s(np.eye(3), self.bodies.trolley.centre)
-        return Body(shape, self.site.distance, place)
-
-    @property
-    def _structure(self) -> Iterator[MovingBody]:
-        """See `Clearance`."""
-        trolley = self.joints.trolley
-        yield MovingBody("trolley", trolley, self._trolley_body, self._fields.tall_solids)
-        for body in self._slewing_bodies:
-            yield MovingBody("jib", self.joints.slew, body, self._fields.solids)
+        return Body(shape, inflated, place)
 
     @cached_property
     def _slewing_bodies(self) -> list[Body]:
         """All that slews with the jib, inflated by the required distance."""
+        return self._upper(self.site.distance)
+
+    def _upper(self, inflated: float) -> list[Body]:
+        """Return all that slews with the jib, inflated by a distance [m]."""
         bodies = []
         for shape in self.bodies.upper:
             within = coal.Transform3s(shape.rotation, shape.translation)
-            bodies.append(Body(shape.geometry, self.site.distance, within))
+            bodies.append(Body(shape.geometry, inflated, within))
         return bodies
+
+    @cached_property
+    def _structure(self) -> list[MovingBody]:
+        """See `Clearance`."""
+        solids = self._fields.solids
+        parts = [MovingBody("trolley", self.joints.trolley, self._trolley(0.0), solids)]
+        for body in self._upper(0.0):
+            parts.append(MovingBody("jib", self.joints.slew, body, solids))
+        return parts
 
     @cached_property
     def _low_upper_parts(self) -> list[np.ndarray]:

@@ -14,6 +14,7 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
+from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -22,7 +23,7 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
-from cranedyn.command import defer_sigint
+from cranedyn.command import defer_sigint, interrupted
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
@@ -431,8 +432,8 @@ def simulate_site(
         for row in range(rows):
             recording.run_cycle(row * CYCLE)
     except (Exception, KeyboardInterrupt) as error:
-        # A second Ctrl-C must not lose what the first one is to leave.
-        with defer_sigint():
+        # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
+        with defer_sigint() if interrupted(error) else nullcontext():
             recording.end_early(error)
     return recording.result()
 
