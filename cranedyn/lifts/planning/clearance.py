@@ -519,7 +519,7 @@ class Clearance(ABC):
         Args:
             q: Coordinates of all joints, shape (rows, n).
         """
-        moved = self.structure_displacement(q[:-1], q[1:])
+        moved = self.structure_displacement(q[:-1, :], q[1:, :])
         travelled = np.concatenate([[0.0], np.cumsum(moved)])
         least: dict[str, float] = {}
         found: dict[str, tuple[int, MovingBody]] = {}
