@@ -525,6 +525,11 @@ def ppo_inteco(briefing: Briefing) -> Entry:
     return _trained(briefing, "ppo_inteco")
 
 
+def ppo_gantry(briefing: Briefing) -> Entry:
+    """A small network trained by PPO on the crane gantry; no paths and operators."""
+    return _trained(briefing, "ppo_gantry")
+
+
 def sac_inteco(briefing: Briefing) -> Entry:
     """A small network trained by SAC on the crane inteco; no paths and operators."""
     return _trained(briefing, "sac_inteco")
@@ -571,6 +576,6 @@ NAMES = (
     *("least_time_lqr", "least_swing_lqr", "operator_alone", "operator_zv", "operator_zvd"),
     *("operator_ei", "yielding_drives", "mpc_path", "mpc_goal"),
     *("kaepernick_mpc", "container_crane_lqr"),
-    *("ppo_inteco", "sac_inteco"),
+    *("ppo_inteco", "ppo_gantry", "sac_inteco"),
 )
 """Names of the baselines."""

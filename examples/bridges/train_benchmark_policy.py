@@ -12,7 +12,7 @@ import signal
 import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 import torch
@@ -26,15 +26,39 @@ from cranedyn.interop.gymnasium import CraneVectorEnv
 from cranedyn.interop.sb3 import vec_env
 from cranedyn.interop.task import PENALTY
 
-PERIODS = {"inteco/move": 0.04, "overhead/move": 0.1}
-"""Time from one action to the next by task [s]: the delays of drives and sensors together are at
-most one of them, so that the policy meets in training the delay that it meets in the benchmark."""
+
+class Recipe(NamedTuple):
+    """How to train for a task.
+
+    Attributes:
+        period: Time from one action to the next [s]. The delays of drives and sensors together are
+            at most one of them, so that the policy meets in training the delay that it meets in the
+            benchmark.
+        swing_share: Swing that ends an episode, as a share of the bound of the task. Where quick
+            drives swing the load to the bound at once, a policy learns little but to end its
+            episodes; beyond the bound it learns to bring the swing back.
+        exploration: Logarithm of the standard deviation of the first actions of PPO. The quicker
+            the drives, the smaller they are to be.
+    """
+
+    period: float
+    swing_share: float
+    exploration: float
+
+
+RECIPES = {
+    "inteco/move": Recipe(0.04, 0.85, -1.0),
+    "gantry/move": Recipe(0.04, 2.0, -2.5),
+    "overhead/move": Recipe(0.1, 0.85, -1.0),
+}
+"""How to train, by the name of the task."""
 
 REACH_FACTOR = 1.5
 """Farthest goals in training over the distances of the task."""
 
-SWING_SHARE = 0.85
-"""Swing that ends an episode in training, as a share of the bound of the task."""
+STANDING_REACH = 0.2
+"""Farthest goals in training of a drive that stands in the task, over its range: so it learns to
+come back to where it shall stand."""
 
 REWARD_RESOLUTION = 0.2
 """Distance below which coming closer is hardly rewarded, over the tolerance of the task."""
@@ -69,18 +93,20 @@ def cranes(task: CraneTask, count: int) -> CraneVectorEnv:
     crane = task.crane()
     drives = crane.layout.drives
     travel = np.abs(goal.q[drives] - task.start_state().q[drives])
-    period = PERIODS[task.name]
+    ranges = (crane.upper - crane.lower)[drives]
+    reach = np.where(travel > 0.0, REACH_FACTOR * travel, STANDING_REACH * ranges)
+    recipe = RECIPES[task.name]
     return CraneVectorEnv(
         count,
         crane=crane,
-        control_period=period,
+        control_period=recipe.period,
         dt=0.01,
         converters=task.converters(),
-        reach=(REACH_FACTOR * travel).tolist(),
+        reach=reach.tolist(),
         swing=0.4 * task.swing_bound,
-        swing_limit=SWING_SHARE * task.swing_bound,
+        swing_limit=recipe.swing_share * task.swing_bound,
         tolerance=task.tolerance,
-        max_episode_steps=round(0.8 * task.duration / period),
+        max_episode_steps=round(0.8 * task.duration / recipe.period),
         autoreset_mode="SameStep",
         threads=1,
     )
@@ -92,7 +118,7 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("algorithm", choices=["ppo", "sac"])
-    parser.add_argument("task", choices=[*PERIODS])
+    parser.add_argument("task", choices=[*RECIPES])
     parser.add_argument("--minutes", type=float, default=12.0, help="processor time to train for")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("policy.npz"), metavar="FILE.npz")
@@ -100,7 +126,8 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
     torch.set_num_threads(1)  # networks this small gain nothing from more
 
     (task,) = select_tasks([options.task])
-    period = PERIODS[task.name]
+    recipe = RECIPES[task.name]
+    period = recipe.period
     drives = task.crane().layout.m
     scale = REWARD_RESOLUTION * task.tolerance
 
@@ -115,7 +142,7 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
     env.seed(options.seed)
     frequency = np.sqrt(9.81 / task.start_state().q[task.crane().layout.drives[-1]])
     discount = float(np.exp(-period / (DISCOUNT_ANGLE / frequency)))
-    model = _learner(options.algorithm, env, discount, options.seed)
+    model = _learner(options.algorithm, env, discount, recipe.exploration, options.seed)
     # A shell starts programs in the background without this.
     signal.signal(signal.SIGINT, signal.default_int_handler)
     try:
@@ -128,7 +155,7 @@ def main(arguments: Sequence[str] | None = None) -> Policy:
     return policy
 
 
-def _learner(algorithm: str, env: Any, discount: float, seed: int) -> Any:
+def _learner(algorithm: str, env: Any, discount: float, exploration: float, seed: int) -> Any:
     """Return what learns, untrained."""
     if algorithm == "ppo":
         return PPO(
@@ -141,7 +168,7 @@ def _learner(algorithm: str, env: Any, discount: float, seed: int) -> Any:
             target_kl=0.03,
             gamma=discount,
             ent_coef=0.0,
-            policy_kwargs={"net_arch": [64, 64], "log_std_init": -1.0},
+            policy_kwargs={"net_arch": [64, 64], "log_std_init": exploration},
             seed=seed,
             device="cpu",
         )
@@ -174,7 +201,7 @@ def exported(model: Any, algorithm: str, task: CraneTask, many: CraneVectorEnv) 
     return Policy(
         algorithm=algorithm.upper(),
         task=task.name,
-        period=PERIODS[task.name],
+        period=RECIPES[task.name].period,
         activation="tanh" if algorithm == "ppo" else "relu",
         output="clip" if algorithm == "ppo" else "tanh",
         scales=Scales(

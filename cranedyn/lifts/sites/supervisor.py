@@ -173,10 +173,11 @@ class Supervisor:
         apart = self.site.apart(station, wanted, neighbours)
         box = wanted.copy()
         partly = ~apart.all(axis=1)
-        near_boxes = [boxes[partly] for boxes in neighbours]
-        box[partly] = self._extended(
-            station, held[partly], wanted[partly], near_boxes, ~apart[partly]
-        )
+        if partly.any():
+            near_boxes = [boxes[partly] for boxes in neighbours]
+            box[partly] = self._extended(
+                station, held[partly], wanted[partly], near_boxes, ~apart[partly]
+            )
         self.boxes[station][copies] = box
         self._wanted[station][copies] = wanted
 
@@ -324,6 +325,8 @@ class Supervisor:
             copies: Copies on which it has sent a request.
         """
         lets_pass = self.passing[copies] == station
+        if not lets_pass.any():
+            return
         free_requests = self._free_requests[copies]
         counted = np.where(self.waits[copies, station], 0, free_requests + 1)
         free_requests = np.where(lets_pass, counted, free_requests)
