@@ -134,7 +134,7 @@ def _list(options: argparse.Namespace) -> int:
     print("\nbaselines")
     for name in baselines.NAMES:
         sentence = getattr(baselines, name).__doc__.partition("\n\n")[0]
-        print(f"{name:<18}{' '.join(sentence.split())}")
+        print(f"{name:<22}{' '.join(sentence.split())}")
     print(
         next_lines(
             "cranedyn benchmark run full_lqr --tasks inteco/move",
@@ -303,9 +303,12 @@ def _verify(options: argparse.Namespace) -> int:
     else:
         print(f"same: {share}, largest relative difference of a number {found.largest:.2g}.")
     entry = options.entry or result.source
+    elsewhere = ["--entry", options.entry] if options.entry else []
     print(
         next_lines(
-            command_line("cranedyn", "benchmark", "verify", options.result, "--sample", 3),
+            command_line(
+                "cranedyn", "benchmark", "verify", options.result, *elsewhere, "--sample", 3
+            ),
             command_line("cranedyn", "benchmark", "run", entry, "--tasks", *list(result.tasks)[:1]),
         )
     )
