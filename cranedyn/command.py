@@ -11,7 +11,7 @@ import signal
 import sys
 import threading
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from functools import cached_property
 from importlib import import_module
 from pathlib import Path
@@ -261,6 +261,14 @@ def defer_sigint() -> Iterator[Callable[[], bool]]:
     if arrived:
         first_number, frame = arrived[0]
         handlers[first_number](first_number, frame)
+
+
+def defer_next_sigint(error: BaseException | None) -> AbstractContextManager[object]:
+    """Delay Ctrl-C and SIGTERM to the end of the block if an error is that of an interruption.
+
+    What the user stopped is kept in the block: the first Ctrl-C began that, and the next one waits.
+    """
+    return defer_sigint() if interrupted(error) else nullcontext()
 
 
 def uninterrupted_import(name: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 from cranedyn.benchmark.entry_process import EntryLimits, check_opens
 from cranedyn.benchmark.entry_source import FORMS, find_entry
@@ -75,16 +76,18 @@ def _add_scheduler(parser: Parser) -> None:
     )
 
 
-def _check_spread(options: argparse.Namespace) -> None:
-    """Check that tasks are shared in one way only.
+def _spread(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the arguments of `run_benchmark` that say who shares the tasks.
 
     Raises:
-        CraneError: If both a number of processes and a scheduler are given.
+        CraneError: If an option has no effect beside the others, or a certificate is not there.
     """
     if options.scheduler is not None and options.jobs is not None:
         raise CraneError("--jobs has no effect beside --scheduler; give one only.")
     if options.scheduler is None and options.tls is not None:
         raise CraneError("--tls has no effect without --scheduler; give its address, too.")
+    security = tls(*options.tls) if options.tls else None
+    return {"jobs": options.jobs, "scheduler": options.scheduler, "security": security}
 
 
 def _add_trust(parser: Parser) -> None:
@@ -162,7 +165,7 @@ def _configure_run(parser: Parser) -> None:
 
 def _run(options: argparse.Namespace) -> int:
     """Run an entry; the exit code is 1 if it took part in no task."""
-    _check_spread(options)
+    spread = _spread(options)
     tasks = select_tasks(options.tasks)
     source = find_entry(options.entry, trusted=options.trust)
     check_seeds(options.seeds)
@@ -180,10 +183,8 @@ def _run(options: argparse.Namespace) -> int:
             options.entry,
             seeds=options.seeds,
             limits=limits,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
-            security=tls(*options.tls) if options.tls else None,
             progress=progress,
+            **spread,
         )
     result.write(file)
     _print_result(result)
@@ -280,7 +281,7 @@ def _configure_verify(parser: Parser) -> None:
 
 def _verify(options: argparse.Namespace) -> int:
     """Verify a result."""
-    _check_spread(options)
+    spread = _spread(options)
     result = read_benchmark_result(options.result)
     sample = None if options.sample is None else whole("--sample", options.sample, 1)
     with bar("verification", len(result.tasks)) as progress:
@@ -290,10 +291,8 @@ def _verify(options: argparse.Namespace) -> int:
             text=options.entry,
             trusted=options.trust,
             sample=sample,
-            jobs=options.jobs,
-            scheduler=options.scheduler,
-            security=tls(*options.tls) if options.tls else None,
             progress=progress,
+            **spread,
         )
     for difference in found.differences:
         print(difference)

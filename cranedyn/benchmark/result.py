@@ -19,7 +19,9 @@ from concurrent.futures import (
     as_completed,
     wait,
 )
+from contextlib import closing
 from dataclasses import asdict, dataclass
+from functools import partial
 from importlib.metadata import version as installed_version
 from multiprocessing.util import Finalize
 from pathlib import Path
@@ -123,7 +125,8 @@ def run_benchmark(
         seeds: Name of the seeds.
         limits: What the entry may use in an instance; None for the usual limits.
         variant: How the runs are computed.
-        jobs: Processes that share the tasks; None for one for each processor.
+        jobs: Processes that share the tasks; None for one for each processor. A scheduler is
+            instead of them.
         scheduler: Address of a Dask scheduler whose workers share the tasks instead. They have this
             version of cranedyn and the files of the entry, both at the same paths as this machine.
             The scheduler, and every worker behind it, can run code in this program.
@@ -198,12 +201,9 @@ def _evaluations(
     `run_benchmark`.
     """
     if count == 1:
-        evaluator = Evaluator(source, limits)
-        try:
+        with closing(Evaluator(source, limits)) as evaluator:
             for task in tasks:
                 yield task, evaluator.evaluate(task, **arguments[task.name])
-        finally:
-            evaluator.close()
         return
     context = multiprocessing.get_context("spawn")
     with ProcessPoolExecutor(count, context, _start_worker, (source, limits)) as pool:
@@ -233,18 +233,15 @@ def _evaluations_on_cluster(
     """
     here = _Alike(__version__, source.files)
     try:
-        futures = {}
-        for task in tasks:
-            future = cluster.submit(
-                _evaluate_on_worker, here, source, limits, task, arguments[task.name]
-            )
-            futures[future] = task
+        send = partial(cluster.submit, _evaluate_on_worker, here, source, limits)
+        futures = {send(task, arguments[task.name]): task for task in tasks}
         waiting = set(futures)
         while waiting:
             done, waiting = wait(waiting, _CLUSTER_CHECK_INTERVAL, FIRST_COMPLETED)
             for future in done:
                 yield futures[future], future.result()
-            cluster.check_workers()
+            if not done:
+                cluster.check_workers()
     except CraneError:
         raise
     except Exception as error:
@@ -287,11 +284,8 @@ def _evaluate_on_worker(
         raise CraneError(
             f"The worker on {node} has no {source.file}, or another one than the machine that asks."
         )
-    evaluator = Evaluator(source, limits)
-    try:
+    with closing(Evaluator(source, limits)) as evaluator:
         return evaluator.evaluate(task, **arguments)
-    finally:
-        evaluator.close()
 
 
 def _add_files(files: dict[str, str], evaluations: Sequence[TaskEvaluation]) -> None:

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import nullcontext
 from typing import TYPE_CHECKING, NoReturn
 
-from cranedyn.command import defer_sigint
+from cranedyn.command import defer_next_sigint
 from cranedyn.data.trajectory import Trajectory
 from cranedyn.disturbances.base_motion import BaseMotion
 from cranedyn.dynamics.converters import Converters
@@ -166,13 +165,11 @@ def simulate(
         # commands too few drives. Its own message says that better than "at t = 0".
         raise early_end.error
 
-    if early_end is None:
-        return log.trajectory(parameters, with_notes(record, controller))
-    # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
-    is_interrupted = isinstance(early_end.error, KeyboardInterrupt)
-    with defer_sigint() if is_interrupted else nullcontext():
+    with defer_next_sigint(early_end.error if early_end else None):
         trajectory = log.trajectory(parameters, with_notes(record, controller))
-        _raise_early_end(early_end, trajectory)
+        if early_end is not None:
+            _raise_early_end(early_end, trajectory)
+    return trajectory
 
 
 def _raise_early_end(early_end: EarlyEnd, trajectory: Trajectory) -> NoReturn:

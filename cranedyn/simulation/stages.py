@@ -23,13 +23,12 @@ Source: Pars, A Treatise on Analytical Dynamics (1965), chapter XIV, on impulsiv
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from cranedyn.command import defer_sigint, interrupted
+from cranedyn.command import defer_next_sigint
 from cranedyn.data.columns import LOADS_COLUMN
 from cranedyn.data.trajectory import Trajectory, join
 from cranedyn.dynamics.equations_of_motion import energy
@@ -148,8 +147,7 @@ def simulate_stages(
             )
             pieces.append(until_end(piece, stage, i))
         except (RunError, KeyboardInterrupt) as error:
-            # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
-            with defer_sigint() if interrupted(error) else nullcontext():
+            with defer_next_sigint(error):
                 ended = _with_earlier_stages(error, pieces, changes, t)
                 if ended is error:
                     raise

@@ -84,7 +84,8 @@ class Nearest(NamedTuple):
 
     Attributes:
         distance: Distance between them [m]; zero or less where they touch.
-        body: "load", "hook", "rope", "trolley", or "jib" for all that slews with it.
+        body: "load", "hook", "rope", "trolley", "jib" for all that slews with it, or a link that
+            drives move.
         obstacle: Name of the solid, or one of `cranedyn.lifts.planning.site.RESERVED_NAMES`: the
             ground, or a part of the crane itself.
     """

@@ -384,9 +384,9 @@ class CraneSite:
 
     @cached_property
     def _drive_columns(self) -> np.ndarray:
-        """Indices that bring the drives of each crane into the columns of `bodies`, as `positions`
-        does, shape (cranes, 1, k + 1). Index `_most_drives` stands for a joint that a crane does
-        not have, whose value is zero.
+        """Indices of the drives of each crane that stand in the columns of `bodies`, shape (cranes,
+        1, k + 1). Index `_most_drives` stands for a joint that a crane does not have, whose value
+        is zero.
         """
         joints = self.bodies.axis.shape[1]
         chains = np.full((len(self.stations), 1, joints + 1), self._most_drives)
@@ -412,12 +412,10 @@ class CraneSite:
 
     def positions(self, station: int, values: np.ndarray) -> np.ndarray:
         """Return values of the drives of a crane, shape (..., m), in the columns of `bodies`."""
-        columns = self.stations[station].bodies.columns
-        joints = self.bodies.axis.shape[1]
-        chain = np.zeros((*np.shape(values)[:-1], joints + 1))
-        chain[..., : len(columns) - 1] = values[..., columns[:-1]]
-        chain[..., -1] = values[..., columns[-1]]
-        return chain
+        drives = np.zeros((*np.shape(values)[:-1], self._most_drives + 1))
+        drives[..., : np.shape(values)[-1]] = values
+        # Compiled code reads it: np.take, other than an index, gives contiguous numbers.
+        return np.take(drives, self._drive_columns[station, 0], axis=-1)
 
     def apart(
         self,

@@ -14,7 +14,6 @@ import itertools
 import json
 import math
 from collections.abc import Callable, Sequence
-from contextlib import nullcontext
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import NamedTuple, NoReturn
@@ -23,7 +22,7 @@ import numpy as np
 import pyarrow as pa
 
 from cranedyn.checks import as_array, number, whole
-from cranedyn.command import defer_sigint, interrupted
+from cranedyn.command import defer_next_sigint
 from cranedyn.compiled.fleet import Fleet
 from cranedyn.data.tables import arrow, write_table
 from cranedyn.data.trajectory import Trajectory
@@ -432,8 +431,7 @@ def simulate_site(
         for row in range(rows):
             recording.run_cycle(row * CYCLE)
     except (Exception, KeyboardInterrupt) as error:
-        # Rows that the user stopped are kept: a second Ctrl-C waits until they are.
-        with defer_sigint() if interrupted(error) else nullcontext():
+        with defer_next_sigint(error):
             recording.end_early(error)
     return recording.result()
 
